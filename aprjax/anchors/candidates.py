@@ -1,0 +1,49 @@
+"""Anchor candidates of all kinds, and the choice of the most salient, well apart."""
+
+import enum
+from typing import Self
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+
+class Kind(enum.IntEnum):
+    """The three types of anchor point of paper 2.A."""
+
+    JUMP_EDGE = 0
+    ANGLE = 1
+    VIRTUAL_EDGE = 2
+
+
+class Candidates(eqx.Module):
+    """Points that may become anchors."""
+
+    xy: Float[Array, "candidates 2"]
+    """Metres in the laser's frame."""
+    kind: Int[Array, " candidates"]
+    salience: Float[Array, " candidates"]
+    """Larger is better; comparable between the kinds."""
+    valid: Bool[Array, " candidates"]
+
+    @classmethod
+    def join(cls, *parts: Self) -> Self:
+        """All candidates of `parts`."""
+        return jax.tree.map(lambda *arrays: jnp.concatenate(arrays), *parts)
+
+    def best(self, size: int, apart: Float[Array, ""]) -> tuple[Self, Int[Array, ""]]:
+        """The `size` most salient, any two at least `apart` metres from each other.
+
+        A candidate nearer than that to a more salient one is the same point seen twice. Also
+        returns how many distinct points did not fit, counted as far as one more round would.
+        """
+
+        def choose(left, _):
+            pick = jnp.argmax(jnp.where(left, self.salience, -jnp.inf))
+            gap = self.xy - self.xy[pick]
+            return left & (jnp.sum(gap * gap, axis=-1) >= apart**2), (pick, left[pick])
+
+        left, (chosen, valid) = jax.lax.scan(choose, self.valid, length=size)
+        picked = jax.tree.map(lambda array: array[chosen], self)
+        return eqx.tree_at(lambda c: c.valid, picked, valid), jnp.sum(left)

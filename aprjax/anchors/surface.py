@@ -1,0 +1,100 @@
+"""The course of the surface to both sides of every hit: lines fitted within a fixed distance.
+
+A window in metres, not in beams, sees the same stretch of wall from every viewpoint. Only where
+hits lie too far apart for a line does it grow with their spacing.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from aprjax.anchors.segment import Segments
+from aprjax.numerics import capacity, safe_arctan2, threshold
+
+
+class SurfaceConfig(eqx.Module):
+    """The stretch of surface that is looked at around each hit."""
+
+    window: Float[Array, ""] = threshold(0.5, "metres to each side")
+    spacings: Float[Array, ""] = threshold(3.2, "window in spacings of the hits, where that is more")
+    samples: int = capacity(10, "hits used of each side, evenly spread")
+    reach: int = capacity(127, "most beams looked at to each side")
+
+
+class Face(eqx.Module):
+    """Lines through the hits to one side of each hit, or around it."""
+
+    centre: Float[Array, "slots 2"]
+    """Metres."""
+    direction: Float[Array, " slots"]
+    """Radians in [-π / 2, π / 2): a line has no sense."""
+    count: Float[Array, " slots"]
+    """Hits used."""
+    spread: Float[Array, " slots"]
+    """Standard deviation along the line in metres."""
+    rms: Float[Array, " slots"]
+    """Standard deviation across the line in metres."""
+
+
+class Surface(eqx.Module):
+    """The surface before and after each hit in the order of the sweep, and through it."""
+
+    before: Face
+    after: Face
+    through: Face
+
+
+def surface(segments: Segments, config: SurfaceConfig) -> Surface:
+    """Line fits for every entry of one segmented scan; entries that are no hit get zeros."""
+    before = _side(segments, segments.before, -1, config)
+    after = _side(segments, segments.after, 1, config)
+    middle = jnp.concatenate([segments.xy[:, None], jnp.ones_like(segments.xy[:, None, :1])], axis=-1)
+    through = jnp.concatenate([before, middle * segments.hit[:, None, None], after], axis=1)
+    return Surface(*(_fit(points, segments.xy) for points in (before, after, through)))
+
+
+def _side(
+    segments: Segments, room: Int[Array, " slots"], sign: int, config: SurfaceConfig
+) -> Float[Array, "slots samples 3"]:
+    """Hits to one side within the window: x, y and weight 1, or zeros."""
+    index = jnp.arange(segments.xy.shape[0])
+
+    def square(count):
+        chord = segments.xy[index + sign * count] - segments.xy
+        return jnp.sum(chord * chord, axis=-1)
+
+    window = jnp.maximum(config.window**2, config.spacings**2 * square(jnp.minimum(room, 1)))
+
+    # Chords grow along a surface, so the window's last beam is found by bisection.
+    count = jnp.zeros_like(room)
+    for bit in reversed(range(config.reach.bit_length())):
+        longer = jnp.minimum(count + (1 << bit), room)
+        count = jnp.where(square(longer) <= window, longer, count)
+
+    k = jnp.arange(1, config.samples + 1)
+    offset = -(-k * count[:, None] // config.samples)
+    earlier = -(-(k - 1) * count[:, None] // config.samples)
+    used = (offset > earlier) & segments.hit[:, None]
+    xy = segments.xy[index[:, None] + sign * offset]
+    return jnp.concatenate([xy, jnp.ones_like(xy[..., :1])], axis=-1) * used[..., None]
+
+
+def _fit(points: Float[Array, "slots samples 3"], origin: Float[Array, "slots 2"]) -> Face:
+    """Total least squares lines through weighted points, from moments about `origin`."""
+    weight = points[..., 2]
+    x, y = jnp.moveaxis((points[..., :2] - origin[:, None]) * weight[..., None], -1, 0)
+    count = jnp.sum(weight, axis=-1)
+    share = 1.0 / jnp.maximum(count, 1.0)
+    mean_x, mean_y = jnp.sum(x, axis=-1) * share, jnp.sum(y, axis=-1) * share
+    xx = jnp.sum(x * x, axis=-1) * share - mean_x**2
+    yy = jnp.sum(y * y, axis=-1) * share - mean_y**2
+    xy = jnp.sum(x * y, axis=-1) * share - mean_x * mean_y
+    half = jnp.sqrt(jnp.maximum(0.25 * (xx - yy) ** 2 + xy**2, 1e-12))
+    mean = 0.5 * (xx + yy)
+    return Face(
+        centre=origin + jnp.stack([mean_x, mean_y], axis=-1),
+        direction=0.5 * safe_arctan2(2 * xy, xx - yy),
+        count=count,
+        spread=jnp.sqrt(jnp.maximum(mean + half, 1e-12)),
+        rms=jnp.sqrt(jnp.maximum(mean - half, 1e-12)),
+    )

@@ -1,0 +1,71 @@
+"""What a scanner saw from one place: ranges by bearing, surfaces and their normals.
+
+The common ground of synthetic scans, congruence and refinement. Any point of the plane can be
+looked up in a view by its bearing: it is on the surface seen there, before it, or hidden.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from aprjax.anchors.segment import Segments
+from aprjax.anchors.surface import Surface
+from aprjax.numerics import threshold
+from aprjax.scan import Scan
+
+
+class ViewConfig(eqx.Module):
+    """Which surfaces have a normal."""
+
+    max_rms: Float[Array, ""] = threshold(0.05, "metres: roughness of a surface with a normal")
+
+
+class View(eqx.Module):
+    """One scan in the order of the sweep, a full turn unrolled as in `Segments`."""
+
+    xy: Float[Array, "*batch slots 2"]
+    """Hit points in metres; zero where there is none."""
+    range: Float[Array, "*batch slots"]
+    """Metres; infinite for no return, zero where nothing is known."""
+    hit: Bool[Array, "*batch slots"]
+    linked: Bool[Array, "*batch slots"]
+    """This hit and the next are on the same surface."""
+    normal: Float[Array, "*batch slots 2"]
+    """Unit normal of the surface; zero where it has none."""
+    angle_min: Float[Array, "*batch"]
+    """Bearing of the first entry in radians."""
+    angle_increment: Float[Array, "*batch"]
+    beams: Int[Array, "*batch"]
+    full_turn: Bool[Array, "*batch"]
+
+    @property
+    def bearings(self) -> Float[Array, " slots"]:
+        """Directions of the entries in radians."""
+        return self.angle_min + jnp.arange(self.xy.shape[-2]) * self.angle_increment
+
+    def look_up(self, xy: Float[Array, "points 2"]) -> tuple[Int[Array, " points"], Bool[Array, " points"]]:
+        """The entry nearest in bearing to each point, and whether it is in the field of view."""
+        bearing = jnp.arctan2(xy[:, 1], xy[:, 0])
+        turned = jnp.mod((bearing - self.angle_min) * jnp.sign(self.angle_increment), 2 * np.pi)
+        step = jnp.round(turned / jnp.abs(self.angle_increment)).astype(jnp.int32)
+        step = jnp.where(self.full_turn & (step >= self.beams), 0, step)
+        return jnp.minimum(step, self.beams - 1), step < self.beams
+
+
+def view(scan: Scan, segments: Segments, surface: Surface, config: ViewConfig) -> View:
+    """The view of one segmented scan."""
+    through = surface.through
+    smooth = segments.hit & (through.count >= 4) & (through.rms <= config.max_rms)
+    normal = jnp.stack([-jnp.sin(through.direction), jnp.cos(through.direction)], axis=-1)
+    return View(
+        xy=segments.xy,
+        range=segments.range,
+        hit=segments.hit,
+        linked=segments.hit & (segments.after > 0),
+        normal=jnp.where(smooth[:, None], normal, 0.0),
+        angle_min=segments.angle_min,
+        angle_increment=scan.angle_increment * jnp.ones(()),
+        beams=scan.beams * jnp.ones((), jnp.int32),
+        full_turn=scan.full_turn,
+    )

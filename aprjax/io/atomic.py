@@ -1,0 +1,37 @@
+"""Files that are either the old ones or complete new ones, never half written."""
+
+import os
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any, Literal
+
+
+@contextmanager
+def atomic_write(path: str | os.PathLike[str], mode: Literal["w", "wb"] = "w") -> Iterator[IO[Any]]:
+    """A file to write, which takes the name `path` only when the block ends without an error.
+
+    Text is UTF-8 with newlines as written. Until then the bytes are in a temporary file of the
+    same folder, which an error removes; what was at `path` stays. The permissions are those of
+    any new file (the umask). A symbolic link keeps pointing where it did. Raises `OSError`
+    where the folder cannot be written.
+    """
+    target = Path(path).resolve()
+    text: dict[str, Any] = {} if "b" in mode else {"encoding": "utf-8", "newline": ""}
+    # A device or a pipe (/dev/null, /dev/stdout) is written to: replacing it would destroy it.
+    if target.exists() and not target.is_file():
+        with target.open(mode, **text) as file:
+            yield file
+        return
+    # Not tempfile, whose files are private to the user whatever the umask.
+    temporary = target.with_name(f".{secrets.token_hex(8)}.tmp")
+    try:
+        with temporary.open(mode.replace("w", "x"), **text) as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(target)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise

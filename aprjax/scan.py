@@ -1,0 +1,148 @@
+"""One sweep of a planar laser scanner, and batches of them.
+
+Ranges follow ROS's REP 117: a finite value within the limits (inclusive) is a *hit*; +inf is
+*no return*, the beam is known to be free up to `range_max`; everything else (NaN, -inf, a
+finite value outside the limits) is *invalid*: nothing is known along that beam.
+"""
+
+from collections.abc import Sequence
+from typing import Self
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from aprjax.numerics import bucket
+
+
+class Scan(eqx.Module):
+    """A scan in its laser's frame: x forward, angles counter-clockwise, metres and radians.
+
+    Beam i looks along `angle_min + i * angle_increment`. Arrays may be NumPy's or JAX's and may
+    carry leading batch axes; `beams` counts the real ones where `ranges` is padded (with NaN).
+    """
+
+    ranges: Float[Array, "*batch slots"]
+    """Metres, as REP 117 has it."""
+    angle_min: Float[Array, "*batch"]
+    """Bearing of beam 0 in radians."""
+    angle_increment: Float[Array, "*batch"]
+    """Step to the next beam in radians; negative for a scanner mounted upside down."""
+    range_min: Float[Array, "*batch"]
+    """Shortest range in metres that is a hit."""
+    range_max: Float[Array, "*batch"]
+    """Longest range in metres that is a hit, and the free length of a beam without return."""
+    beams: Int[Array, "*batch"]
+    """How many of the slots are real beams."""
+
+    @classmethod
+    def make(
+        cls,
+        ranges: Sequence[float] | np.ndarray | Array,
+        *,
+        angle_min: float,
+        angle_increment: float,
+        range_min: float = 0.02,
+        range_max: float,
+    ) -> Self:
+        """A checked scan on the host from `ranges` `(beams,)`.
+
+        Raises `ValueError` naming the field and its value if the ranges are not one-dimensional
+        and non-empty, if an angle or limit is not finite, if the increment is zero or the beams
+        cover more than a full turn, or unless `0 <= range_min < range_max`. No range value is
+        refused: what is not a hit and not +inf is invalid.
+        """
+        values = np.asarray(ranges, np.float32)
+        if values.ndim != 1 or values.size == 0:
+            raise ValueError(f"ranges: shape {values.shape} is not (beams,) with at least one beam")
+        for name, value in (
+            ("angle_min", angle_min),
+            ("angle_increment", angle_increment),
+            ("range_min", range_min),
+            ("range_max", range_max),
+        ):
+            if not np.isfinite(value):
+                raise ValueError(f"{name}: {value} is not finite")
+        # One beam may repeat: some drivers report both ends of the turn.
+        if angle_increment == 0 or abs(angle_increment) * (values.size - 1) > 2 * np.pi * 1.001:
+            raise ValueError(
+                f"angle_increment: {angle_increment} rad is zero or turns {values.size} beams past 360°"
+            )
+        if not 0 <= range_min < range_max:
+            raise ValueError(f"range_min: {range_min} m is negative or not below range_max {range_max} m")
+        return cls(
+            ranges=values,  # pyright: ignore[reportArgumentType]
+            **{
+                name: np.float32(value)
+                for name, value in (
+                    ("angle_min", angle_min),
+                    ("angle_increment", angle_increment),
+                    ("range_min", range_min),
+                    ("range_max", range_max),
+                )
+            },  # pyright: ignore[reportArgumentType]
+            beams=np.int32(values.size),  # pyright: ignore[reportArgumentType]
+        )
+
+    @property
+    def hit(self) -> Bool[Array, "*batch slots"]:
+        """Beams that ended on a surface."""
+        low, high = self.range_min[..., None], self.range_max[..., None]
+        return (self.ranges >= low) & (self.ranges <= high) & self.real
+
+    @property
+    def no_return(self) -> Bool[Array, "*batch slots"]:
+        """Beams known to be free up to `range_max`."""
+        return (self.ranges == jnp.inf) & self.real
+
+    @property
+    def real(self) -> Bool[Array, "*batch slots"]:
+        """Slots that hold a beam of the scanner, not padding."""
+        return jnp.arange(self.ranges.shape[-1]) < self.beams[..., None]
+
+    @property
+    def full_turn(self) -> Bool[Array, "*batch"]:
+        """Whether the last beam's neighbour is the first."""
+        return (self.beams + 0.5) * jnp.abs(self.angle_increment) > 2 * jnp.pi
+
+    @property
+    def bearings(self) -> Float[Array, "*batch slots"]:
+        """Directions of the beams in radians."""
+        steps = jnp.arange(self.ranges.shape[-1])
+        return self.angle_min[..., None] + steps * self.angle_increment[..., None]
+
+    @property
+    def points(self) -> Float[Array, "*batch slots 2"]:
+        """End points of the hits in metres; the origin for every other beam."""
+        ranges = jnp.where(self.hit, self.ranges, 0.0)
+        return ranges[..., None] * jnp.stack([jnp.cos(self.bearings), jnp.sin(self.bearings)], axis=-1)
+
+    def pad(self, slots: int) -> Self:
+        """The same scan with `ranges` padded by NaN to `slots` on the host."""
+        ranges = np.asarray(self.ranges)
+        if slots < ranges.shape[-1]:
+            raise ValueError(f"slots: {slots} is fewer than the {ranges.shape[-1]} there are")
+        width = [(0, 0)] * (ranges.ndim - 1) + [(0, slots - ranges.shape[-1])]
+        padded = np.pad(ranges, width, constant_values=np.nan)
+        return eqx.tree_at(lambda scan: scan.ranges, self, padded)
+
+    @classmethod
+    def stack(cls, scans: Sequence[Self], slots: int | None = None) -> Self:
+        """One batch on the host from scans of any beam counts, padded to `slots` or their bucket.
+
+        Raises `ValueError` for an empty list, and for a scan that is a batch itself.
+        """
+        if not scans:
+            raise ValueError("scans: the list is empty")
+        for index, scan in enumerate(scans):
+            if np.ndim(scan.ranges) != 1:
+                raise ValueError(f"scans[{index}]: ranges have shape {np.shape(scan.ranges)}, not (beams,)")
+        slots = slots or bucket(max(scan.ranges.shape[-1] for scan in scans), smallest=64)
+        padded = [scan.pad(slots) for scan in scans]
+        return cls(
+            **{
+                name: np.stack([np.asarray(getattr(scan, name)) for scan in padded])
+                for name in ("ranges", "angle_min", "angle_increment", "range_min", "range_max", "beams")
+            }  # pyright: ignore[reportArgumentType]
+        )

@@ -1,0 +1,29 @@
+"""The outcomes of a match: one enumeration, carried as data so that a batch never raises."""
+
+import enum
+
+
+class Status(enum.IntEnum):
+    """What became of one query.
+
+    The order is that of the stages; a query gets the first that applies, except that
+    `CAPACITY_EXCEEDED` marks an otherwise good answer from which something was left out.
+    """
+
+    OK = 0
+    """There is at least one hypothesis, and the best one is clearly better than its rivals."""
+    AMBIGUOUS = 1
+    """There are hypotheses, and another place explains the scan about as well as the best."""
+    CAPACITY_EXCEEDED = 2
+    """As OK, but the scan had more anchors than the configured capacity; the most salient were used."""
+    TOO_FEW_ANCHORS = 3
+    """Fewer than two anchors: no edge to compare. Empty, invalid and one-beam scans end here."""
+    NO_CANDIDATE = 4
+    """No reference shares enough edge lengths and angles with the query to be aligned."""
+    BELOW_THRESHOLD = 5
+    """There were alignments, but none reached the quality threshold on e_m."""
+
+    @property
+    def text(self) -> str:
+        """The name as result tables print it, such as `too_few_anchors`."""
+        return self.name.lower()
