@@ -1,9 +1,5 @@
-"""Numerical helpers that every stage shares: safe norms, angles, bucket sizes, thresholds."""
+"""Numerical helpers that every stage shares: safe norms, angles, bucket sizes."""
 
-from collections.abc import Sequence
-from typing import Any
-
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,23 +7,6 @@ from jaxtyping import Array, Float
 
 HIGHEST = jax.lax.Precision.HIGHEST
 """Products of coordinates ask for full float32, also where a device defaults to less."""
-
-
-def threshold(default: float | Sequence[float], doc: str = "") -> Any:
-    """A configuration field that is a float32 array leaf: new values never retrace.
-
-    NumPy holds the default, so that building a configuration touches no device.
-    """
-
-    def convert(value: Any) -> Any:
-        return value if isinstance(value, jax.Array) else np.asarray(value, np.float32)
-
-    return eqx.field(default_factory=lambda: convert(default), converter=convert, metadata={"doc": doc})
-
-
-def capacity(default: int, doc: str = "") -> Any:
-    """A configuration field that sets an array size: static, so a new value compiles anew."""
-    return eqx.field(default=default, static=True, metadata={"doc": doc})
 
 
 def wrap(angle: Float[Array, "..."], period: float = 2 * np.pi) -> Float[Array, "..."]:

@@ -6,7 +6,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from aprjax.evaluation.view import View
-from aprjax.numerics import capacity, threshold, wrap
+from aprjax.configuration import capacity, threshold
+from aprjax.numerics import wrap
 from aprjax.se2 import Pose, rotate, transform
 
 
@@ -70,7 +71,9 @@ def _inverse(matrix: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
             [b * e - c * d, b * c - a * e, a * d - b * b],
         ]
     )
-    return cofactors / jnp.maximum(a * cofactors[0, 0] + b * cofactors[0, 1] + c * cofactors[0, 2], 1e-12)
+    return cofactors / jnp.maximum(
+        a * cofactors[0, 0] + b * cofactors[0, 1] + c * cofactors[0, 2], 1e-12
+    )
 
 
 def _solve(matrix, vector):

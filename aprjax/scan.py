@@ -15,6 +15,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.numerics import bucket
 
+_FIELDS = ("ranges", "angle_min", "angle_increment", "range_min", "range_max", "beams")
+
 
 class Scan(eqx.Module):
     """A scan in its laser's frame: x forward, angles counter-clockwise, metres and radians.
@@ -70,7 +72,9 @@ class Scan(eqx.Module):
                 f"angle_increment: {angle_increment} rad is zero or turns {values.size} beams past 360°"
             )
         if not 0 <= range_min < range_max:
-            raise ValueError(f"range_min: {range_min} m is negative or not below range_max {range_max} m")
+            raise ValueError(
+                f"range_min: {range_min} m is negative or not below range_max {range_max} m"
+            )
         return cls(
             ranges=values,  # pyright: ignore[reportArgumentType]
             **{
@@ -116,7 +120,9 @@ class Scan(eqx.Module):
     def points(self) -> Float[Array, "*batch slots 2"]:
         """End points of the hits in metres; the origin for every other beam."""
         ranges = jnp.where(self.hit, self.ranges, 0.0)
-        return ranges[..., None] * jnp.stack([jnp.cos(self.bearings), jnp.sin(self.bearings)], axis=-1)
+        return ranges[..., None] * jnp.stack(
+            [jnp.cos(self.bearings), jnp.sin(self.bearings)], axis=-1
+        )
 
     def pad(self, slots: int) -> Self:
         """The same scan with `ranges` padded by NaN to `slots` on the host."""
@@ -126,6 +132,19 @@ class Scan(eqx.Module):
         width = [(0, 0)] * (ranges.ndim - 1) + [(0, slots - ranges.shape[-1])]
         padded = np.pad(ranges, width, constant_values=np.nan)
         return eqx.tree_at(lambda scan: scan.ranges, self, padded)
+
+    def pad_batch(self, size: int) -> Self:
+        """A batch padded on the host to `size` scans; the added ones have no beams."""
+        missing = size - np.shape(self.ranges)[0]
+
+        def pad(array: Array, fill: float) -> np.ndarray:
+            width = [(0, missing)] + [(0, 0)] * (np.ndim(array) - 1)
+            return np.pad(np.asarray(array), width, constant_values=fill)
+
+        fills = {"ranges": np.nan, "angle_increment": 1.0, "range_max": 1.0}
+        return type(self)(
+            **{name: pad(getattr(self, name), fills.get(name, 0)) for name in _FIELDS}  # pyright: ignore[reportArgumentType]
+        )
 
     @classmethod
     def stack(cls, scans: Sequence[Self], slots: int | None = None) -> Self:
@@ -137,12 +156,14 @@ class Scan(eqx.Module):
             raise ValueError("scans: the list is empty")
         for index, scan in enumerate(scans):
             if np.ndim(scan.ranges) != 1:
-                raise ValueError(f"scans[{index}]: ranges have shape {np.shape(scan.ranges)}, not (beams,)")
+                raise ValueError(
+                    f"scans[{index}]: ranges have shape {np.shape(scan.ranges)}, not (beams,)"
+                )
         slots = slots or bucket(max(scan.ranges.shape[-1] for scan in scans), smallest=64)
         padded = [scan.pad(slots) for scan in scans]
         return cls(
             **{
                 name: np.stack([np.asarray(getattr(scan, name)) for scan in padded])
-                for name in ("ranges", "angle_min", "angle_increment", "range_min", "range_max", "beams")
+                for name in _FIELDS
             }  # pyright: ignore[reportArgumentType]
         )

@@ -13,7 +13,9 @@ from aprjax.numerics import wrap
 Pose = Float[Array, "*batch 3"]
 
 
-def rotate(vector: Float[Array, "*batch 2"], angle: Float[Array, "*#batch"]) -> Float[Array, "*batch 2"]:
+def rotate(
+    vector: Float[Array, "*batch 2"], angle: Float[Array, "*#batch"]
+) -> Float[Array, "*batch 2"]:
     """Vectors turned by `angle` radians."""
     cos, sin = jnp.cos(angle), jnp.sin(angle)
     x, y = vector[..., 0], vector[..., 1]
@@ -32,6 +34,8 @@ def inverse(T_a_b: Pose) -> Pose:
     return jnp.concatenate([xy, wrap(-T_a_b[..., 2:])], axis=-1)
 
 
-def transform(T_a_b: Pose, xy_b: Float[Array, "*batch points 2"]) -> Float[Array, "*batch points 2"]:
+def transform(
+    T_a_b: Pose, xy_b: Float[Array, "*batch points 2"]
+) -> Float[Array, "*batch points 2"]:
     """Points given in frame b, in frame a."""
     return T_a_b[..., None, :2] + rotate(xy_b, T_a_b[..., 2, None])

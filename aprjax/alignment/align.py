@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float, Int
 from aprjax.alignment.cluster import ClusterConfig, centre_of_gravity, contributions
 from aprjax.alignment.correspondence import CorrespondenceConfig, correspondence_matrix
 from aprjax.alignment.rotation import RotationConfig, rotation_peaks
-from aprjax.numerics import capacity, threshold
+from aprjax.configuration import capacity, threshold
 from aprjax.relations.graph import AnchorGraph
 from aprjax.se2 import Pose, transform
 
@@ -74,7 +74,9 @@ def _align_rotated(
         votes = matrix[pair]
         left = jnp.where(agree, 0, matrix).at[pair].set(0)
         valid = (votes > 0) & (size > 0) & (anchors >= config.min_anchors)
-        return left, Alternatives(T_ref_query=T_ref_query, anchors=anchors, votes=votes, valid=valid)
+        return left, Alternatives(
+            T_ref_query=T_ref_query, anchors=anchors, votes=votes, valid=valid
+        )
 
     _, found = jax.lax.scan(next_maximum, matrix, length=config.maxima)
     return found

@@ -5,7 +5,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from aprjax.alignment.correspondence import CorrespondenceConfig
-from aprjax.numerics import safe_arctan2, threshold, wrap
+from aprjax.configuration import threshold
+from aprjax.numerics import safe_arctan2, wrap
 from aprjax.relations.graph import AnchorGraph
 from aprjax.se2 import Pose, rotate
 

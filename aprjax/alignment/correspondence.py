@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from aprjax.numerics import threshold
+from aprjax.configuration import threshold
 from aprjax.relations.graph import AnchorGraph
 from aprjax.se2 import rotate
 
@@ -48,4 +48,6 @@ def correspondence_matrix(
     config: CorrespondenceConfig,
 ) -> Int[Array, "n m"]:
     """How often anchor i of the reference and anchor j of the query were identified."""
-    return jnp.sum(correspondences(reference, query, rotation, config), axis=(1, 3), dtype=jnp.int32)
+    return jnp.sum(
+        correspondences(reference, query, rotation, config), axis=(1, 3), dtype=jnp.int32
+    )

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from aprjax.numerics import capacity
+from aprjax.configuration import capacity
 
 
 class RotationConfig(eqx.Module):
@@ -25,9 +25,7 @@ class Rotations(eqx.Module):
     """Corresponding edges that indicate it; zero where there was no further peak."""
 
 
-def rotation_peaks(
-    histogram: Float[Array, " direction_bins"], config: RotationConfig
-) -> Rotations:
+def rotation_peaks(histogram: Float[Array, " direction_bins"], config: RotationConfig) -> Rotations:
     """The `2 * peaks` rotations at the peaks of one matching angle histogram.
 
     A peak's rotation is the mean over its bins. Undirected edges give it modulo half a turn, so

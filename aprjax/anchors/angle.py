@@ -8,7 +8,8 @@ from jaxtyping import Array, Float
 from aprjax.anchors.candidates import Candidates, Kind
 from aprjax.anchors.segment import Segments
 from aprjax.anchors.surface import Face, Surface
-from aprjax.numerics import safe_norm, threshold, wrap
+from aprjax.configuration import threshold
+from aprjax.numerics import safe_norm, wrap
 
 
 class AngleConfig(eqx.Module):

@@ -7,10 +7,10 @@ from jaxtyping import Array, Bool, Float, Int
 from aprjax.anchors.angle import AngleConfig, angles
 from aprjax.anchors.candidates import Candidates
 from aprjax.anchors.jump_edge import JumpEdgeConfig, jump_edges
-from aprjax.anchors.segment import SegmentConfig, segment
-from aprjax.anchors.surface import SurfaceConfig, surface
+from aprjax.anchors.segment import SegmentConfig, Segments, segment
+from aprjax.anchors.surface import Surface, SurfaceConfig, surface
 from aprjax.anchors.virtual_edge import VirtualEdgeConfig, virtual_edges
-from aprjax.numerics import capacity, threshold
+from aprjax.configuration import capacity, threshold
 from aprjax.scan import Scan
 
 
@@ -43,7 +43,11 @@ class Anchors(eqx.Module):
 def extract(scan: Scan, config: ExtractionConfig) -> Anchors:
     """The anchors of one scan. Empty and invalid scans have none."""
     segments = segment(scan, config.segment)
-    course = surface(segments, config.surface)
+    return choose_anchors(segments, surface(segments, config.surface), config)
+
+
+def choose_anchors(segments: Segments, course: Surface, config: ExtractionConfig) -> Anchors:
+    """The anchors of one segmented scan whose surfaces are known."""
     candidates = Candidates.join(
         jump_edges(segments, config.jump_edge),
         angles(segments, course, config.angle),

@@ -10,7 +10,8 @@ from jaxtyping import Array, Float
 
 from aprjax.anchors.candidates import Candidates, Kind
 from aprjax.anchors.segment import Segments
-from aprjax.numerics import safe_norm, threshold
+from aprjax.configuration import threshold
+from aprjax.numerics import safe_norm
 
 
 class JumpEdgeConfig(eqx.Module):

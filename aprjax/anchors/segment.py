@@ -9,7 +9,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from aprjax.numerics import safe_norm, threshold
+from aprjax.configuration import threshold
+from aprjax.numerics import safe_norm
 from aprjax.scan import Scan
 
 
@@ -68,7 +69,9 @@ def segment(scan: Scan, config: SegmentConfig) -> Segments:
     # Unroll after the first break; a closed room has none, and is cut at its nearest point,
     # which lies on a face and never at a corner.
     nearest = jnp.argmin(jnp.where(scan.hit, scan.ranges, jnp.inf))
-    first = jnp.where(jnp.all(linked | ~scan.real), nearest, wrapped[jnp.argmax(~linked & scan.real)])
+    first = jnp.where(
+        jnp.all(linked | ~scan.real), nearest, wrapped[jnp.argmax(~linked & scan.real)]
+    )
     turned = jnp.where(index + first < scan.beams, index + first, index + first - scan.beams)
     beam = jnp.where(scan.full_turn & scan.real, turned, index)
 

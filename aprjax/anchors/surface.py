@@ -9,14 +9,17 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from aprjax.anchors.segment import Segments
-from aprjax.numerics import capacity, safe_arctan2, threshold
+from aprjax.configuration import capacity, threshold
+from aprjax.numerics import safe_arctan2
 
 
 class SurfaceConfig(eqx.Module):
     """The stretch of surface that is looked at around each hit."""
 
     window: Float[Array, ""] = threshold(0.5, "metres to each side")
-    spacings: Float[Array, ""] = threshold(3.2, "window in spacings of the hits, where that is more")
+    spacings: Float[Array, ""] = threshold(
+        3.2, "window in spacings of the hits, where that is more"
+    )
     samples: int = capacity(10, "hits used of each side, evenly spread")
     reach: int = capacity(127, "most beams looked at to each side")
 
@@ -48,7 +51,9 @@ def surface(segments: Segments, config: SurfaceConfig) -> Surface:
     """Line fits for every entry of one segmented scan; entries that are no hit get zeros."""
     before = _side(segments, segments.before, -1, config)
     after = _side(segments, segments.after, 1, config)
-    middle = jnp.concatenate([segments.xy[:, None], jnp.ones_like(segments.xy[:, None, :1])], axis=-1)
+    middle = jnp.concatenate(
+        [segments.xy[:, None], jnp.ones_like(segments.xy[:, None, :1])], axis=-1
+    )
     through = jnp.concatenate([before, middle * segments.hit[:, None, None], after], axis=1)
     return Surface(*(_fit(points, segments.xy) for points in (before, after, through)))
 

@@ -15,7 +15,8 @@ from aprjax.anchors.angle import intersection
 from aprjax.anchors.candidates import Candidates, Kind
 from aprjax.anchors.segment import Segments
 from aprjax.anchors.surface import Surface
-from aprjax.numerics import capacity, threshold, wrap
+from aprjax.configuration import capacity, threshold
+from aprjax.numerics import wrap
 
 
 class VirtualEdgeConfig(eqx.Module):
@@ -129,7 +130,9 @@ def _lines_along(
     length = length * (jnp.abs(wrap(direction - angle, np.pi)) <= config.spread)
     bin_width = 0.5 * config.width
     half = config.offset_bins // 2
-    bins = jnp.clip(jnp.floor(offset / bin_width).astype(jnp.int32) + half, 0, config.offset_bins - 1)
+    bins = jnp.clip(
+        jnp.floor(offset / bin_width).astype(jnp.int32) + half, 0, config.offset_bins - 1
+    )
     histogram = jnp.zeros(config.offset_bins).at[bins].add(length)
     histogram = histogram.at[jnp.array([0, -1])].set(0.0)
     histogram = histogram + jnp.roll(histogram, 1) + jnp.roll(histogram, -1)
@@ -148,7 +151,9 @@ def _lines_along(
         centre = jnp.sum(share[:, None] * xy, axis=0)
         x, y = jnp.moveaxis(xy - centre, -1, 0)
         xx, yy, cross = (jnp.sum(share * product) for product in (x * x, y * y, x * y))
-        fitted = jnp.where(total > 0, 0.5 * jnp.arctan2(2 * cross, jnp.where(total > 0, xx - yy, 1.0)), 0.0)
+        fitted = jnp.where(
+            total > 0, 0.5 * jnp.arctan2(2 * cross, jnp.where(total > 0, xx - yy, 1.0)), 0.0
+        )
         along = x * jnp.cos(fitted) + y * jnp.sin(fitted)
         return Lines(
             centre=centre,
@@ -165,5 +170,7 @@ def _lines_along(
 def _beyond(lines: Lines, index: np.ndarray, xy: Float[Array, "pairs 2"]) -> Float[Array, " pairs"]:
     """How many metres past the visible stretch of its line each point lies."""
     gap = xy - lines.centre[index]
-    along = gap[:, 0] * jnp.cos(lines.direction[index]) + gap[:, 1] * jnp.sin(lines.direction[index])
+    along = gap[:, 0] * jnp.cos(lines.direction[index]) + gap[:, 1] * jnp.sin(
+        lines.direction[index]
+    )
     return jnp.maximum(jnp.maximum(along - lines.high[index], lines.low[index] - along), 0.0)

@@ -2,49 +2,105 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.evaluation.synthetic_scan import synthetic_scan
 from aprjax.evaluation.view import View
-from aprjax.numerics import safe_norm, threshold
+from aprjax.configuration import capacity, threshold
+from aprjax.numerics import safe_norm
 from aprjax.se2 import Pose, inverse, transform
 
 
+class QualityConfig(eqx.Module):
+    """How much agreement makes a good match."""
+
+    doubt: Float[Array, ""] = threshold(
+        0.05, "contradicting beams assumed beforehand, as a share of the hits"
+    )
+    anchors: Float[Array, ""] = threshold(3.0, "agreeing anchors that are worth one half")
+
+
 class CongruenceConfig(eqx.Module):
-    """When a beam agrees with the synthetic scan, and what that is worth."""
+    """When a beam agrees with the synthetic scan, and what agreement is worth."""
 
-    tolerance: Float[Array, ""] = threshold(0.15, "metres between real and synthetic range")
-    relative: Float[Array, ""] = threshold(0.02, "the same, per metre of range")
-
-
-class Beams(eqx.Module):
-    """Verdicts of the front scan's beams, as numbers of beams."""
-
-    agree: Float[Array, ""]
-    through: Float[Array, ""]
-    """Contradiction: the front scan sees through what the synthetic one claims."""
-    short: Float[Array, ""]
-    """Contradiction: it stops where the overview scan saw free space."""
-    hits: Float[Array, ""]
-    """All hits of the front scan; the rest says nothing."""
+    tolerance: Float[Array, ""] = threshold(0.08, "metres between real and synthetic range")
+    relative: Float[Array, ""] = threshold(0.015, "the same, per metre of range")
+    beams: int = capacity(192, "about how many beams of the front scan are compared")
+    quality: QualityConfig = QualityConfig()
 
 
-def compare(overview: View, front: View, T_front_overview: Pose, config: CongruenceConfig) -> Beams:
-    """Beam by beam comparison of a real front scan with the synthetic one."""
-    inverse_range = synthetic_scan(overview, T_front_overview, front.bearings)
-    known = inverse_range > 0
-    expected = 1.0 / jnp.where(known, inverse_range, 1.0)
-    measured = jnp.where(front.hit, front.range, 0.0)
+class Verdicts(eqx.Module):
+    """What the beams of a front scan say about an alignment, as numbers of beams."""
+
+    agree: Float[Array, "*batch"]
+    """The synthetic scan has the surface where the beam met it."""
+    contradict: Float[Array, "*batch"]
+    """The beam passed through a surface of the synthetic scan, or stopped in free space."""
+    hits: Float[Array, "*batch"]
+    """All beams that met a surface; those neither of the above say nothing."""
+
+
+def congruence(
+    overview: View, front: View, T_front_overview: Pose, config: CongruenceConfig
+) -> Verdicts:
+    """The real front scan against the synthetic one, beam by beam.
+
+    A beam that stops short of the synthetic surface contradicts only if the overview scan saw
+    free space there; otherwise something was hidden from the overview.
+    """
+    stride = -(-front.xy.shape[0] // config.beams)
+    hit, measured, xy = front.hit[::stride], front.range[::stride], front.xy[::stride]
+    inverse_range = synthetic_scan(overview, T_front_overview, front.bearings[::stride])
+    known = hit & (inverse_range > 0)
+    measured = jnp.where(hit, measured, 0.0)
+    beyond = measured - 1.0 / jnp.where(known, inverse_range, 1.0)
     tolerance = config.tolerance + config.relative * measured
-    agree = front.hit & known & (jnp.abs(measured - expected) <= tolerance)
-    through = front.hit & known & (measured > expected + tolerance)
+    agree = known & (jnp.abs(beyond) <= tolerance)
+    through = known & (beyond > tolerance)
 
-    seen = transform(inverse(T_front_overview), front.xy)
+    seen = transform(inverse(T_front_overview), xy)
     index, visible = overview.look_up(seen)
-    free = overview.range[index] > safe_norm(seen) + tolerance
-    short = front.hit & ~agree & ~through & visible & free & overview.hit[index]
+    free = overview.hit[index] & (overview.range[index] > safe_norm(seen) + tolerance)
+    short = hit & ~agree & ~through & visible & free
+    return Verdicts(
+        agree=jnp.sum(agree, dtype=jnp.float32),
+        contradict=jnp.sum(through | short, dtype=jnp.float32),
+        hits=jnp.sum(hit, dtype=jnp.float32),
+    )
 
-    def count(which):
-        return jnp.sum(which, dtype=jnp.float32)
 
-    return Beams(agree=count(agree), through=count(through), short=count(short), hits=count(front.hit))
+def sees(overview: View, front_xy: Float[Array, "2"]) -> Bool[Array, ""]:
+    """Whether the overview scan contains the front scan's sensing position (paper 2.D)."""
+    index, visible = overview.look_up(front_xy[None])
+    return (visible & (overview.range[index] > safe_norm(front_xy[None])))[0]
+
+
+def quality(
+    ahead: Verdicts,
+    back: Verdicts,
+    reference_sees: Bool[Array, ""],
+    query_sees: Bool[Array, ""],
+    anchors: Int[Array, ""],
+    config: QualityConfig,
+) -> Float[Array, ""]:
+    """e_m in [0, 1]: how far two scans agree, and on how much.
+
+    `ahead` holds the verdicts of the query's beams on the synthetic scan from the reference,
+    `back` those of the reference's beams on the one from the query. The paper compares one way,
+    from the scan with the better overview: that which contains the other's sensing position.
+    Where both scans contain each other's position, or neither does, both ways count.
+
+    The paper does not state its measure. Ours is κ κ' a / (a + a₀): κ is the share of agreeing
+    beams among those that say anything, with some contradiction assumed beforehand so that a
+    small overlap is never enough, and the factor of the a agreeing anchors keeps walls that
+    happen to coincide from passing for a place.
+    """
+
+    def consistent(verdicts: Verdicts) -> Float[Array, ""]:
+        said = verdicts.agree + verdicts.contradict + config.doubt * verdicts.hits
+        return verdicts.agree / jnp.maximum(said, 1.0)
+
+    ahead_, back_ = consistent(ahead), consistent(back)
+    first = jnp.where(query_sees & ~reference_sees, back_, ahead_)
+    second = jnp.where(reference_sees & ~query_sees, ahead_, back_)
+    return first * second * anchors / (anchors + config.anchors)

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.anchors.segment import Segments
 from aprjax.anchors.surface import Surface
-from aprjax.numerics import threshold
+from aprjax.configuration import threshold
 from aprjax.scan import Scan
 
 
@@ -44,7 +44,9 @@ class View(eqx.Module):
         """Directions of the entries in radians."""
         return self.angle_min + jnp.arange(self.xy.shape[-2]) * self.angle_increment
 
-    def look_up(self, xy: Float[Array, "points 2"]) -> tuple[Int[Array, " points"], Bool[Array, " points"]]:
+    def look_up(
+        self, xy: Float[Array, "points 2"]
+    ) -> tuple[Int[Array, " points"], Bool[Array, " points"]]:
         """The entry nearest in bearing to each point, and whether it is in the field of view."""
         bearing = jnp.arctan2(xy[:, 1], xy[:, 0])
         turned = jnp.mod((bearing - self.angle_min) * jnp.sign(self.angle_increment), 2 * np.pi)

@@ -12,7 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
-from aprjax.numerics import HIGHEST, capacity, threshold
+from aprjax.configuration import capacity, threshold
+from aprjax.numerics import HIGHEST
 from aprjax.relations.graph import AnchorGraph
 
 

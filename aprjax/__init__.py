@@ -1,0 +1,13 @@
+"""Global self-localization with a 2D laser scanner: APR scan matching in JAX."""
+
+from aprjax.features import FeatureConfig as FeatureConfig
+from aprjax.io.carmen import LogEntry as LogEntry
+from aprjax.io.carmen import LogError as LogError
+from aprjax.io.carmen import read_log as read_log
+from aprjax.matcher import MatchConfig as MatchConfig
+from aprjax.matcher import MatchResult as MatchResult
+from aprjax.matcher import match as match
+from aprjax.matcher import match_batch as match_batch
+from aprjax.references import ReferenceSet as ReferenceSet
+from aprjax.scan import Scan as Scan
+from aprjax.status import Status as Status

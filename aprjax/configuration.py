@@ -1,0 +1,59 @@
+"""Fields of configurations, and configurations as plain dictionaries.
+
+A configuration is an equinox module. Thresholds are array leaves, so that a new value never
+retraces and a sweep is a `vmap`; capacities set array sizes and are static.
+"""
+
+import dataclasses
+from typing import Any, TypeVar
+
+import equinox as eqx
+import jax
+import numpy as np
+
+_Config = TypeVar("_Config", bound=eqx.Module)
+
+
+def threshold(default: float, doc: str) -> Any:
+    """A field that is a float32 array leaf.
+
+    NumPy holds the value, so that building a configuration touches no device.
+    """
+
+    def convert(value: Any) -> Any:
+        return value if isinstance(value, jax.Array) else np.asarray(value, np.float32)
+
+    return eqx.field(default=default, converter=convert, metadata={"doc": doc})
+
+
+def capacity(default: int | None, doc: str) -> Any:
+    """A field that sets an array size: static, so a new value compiles anew."""
+    return eqx.field(default=default, static=True, metadata={"doc": doc})
+
+
+def to_dict(config: eqx.Module) -> dict[str, Any]:
+    """Names and values, nested as the configuration is, of plain Python numbers."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, eqx.Module):
+            return to_dict(value)
+        return value if value is None or isinstance(value, int) else np.asarray(value).tolist()
+
+    return {f.name: plain(getattr(config, f.name)) for f in dataclasses.fields(config)}
+
+
+def from_dict(kind: type[_Config], values: dict[str, Any]) -> _Config:
+    """The configuration of type `kind` that `to_dict` made `values` from.
+
+    Fields that `values` lacks keep their defaults. Raises `ValueError` naming a field that
+    `kind` does not have.
+    """
+    fields = {f.name: f for f in dataclasses.fields(kind)}
+    for name in values:
+        if name not in fields:
+            raise ValueError(f"{kind.__name__} has no field {name!r}")
+
+    def read(name: str, value: Any) -> Any:
+        return from_dict(type(fields[name].default), value) if isinstance(value, dict) else value
+
+    return kind(**{name: read(name, value) for name, value in values.items()})

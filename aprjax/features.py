@@ -1,0 +1,42 @@
+"""What is known of a scan before it is compared with any other."""
+
+import equinox as eqx
+
+from aprjax.anchors.extract import Anchors, ExtractionConfig, choose_anchors
+from aprjax.anchors.segment import segment
+from aprjax.anchors.surface import surface
+from aprjax.evaluation.view import View, ViewConfig, view
+from aprjax.relations.graph import AnchorGraph, anchor_graph
+from aprjax.relations.histograms import EdgeHistogram, RelationConfig, edge_histogram
+from aprjax.scan import Scan
+
+
+class FeatureConfig(eqx.Module):
+    """How scans are described. References and queries must be described alike."""
+
+    extraction: ExtractionConfig = ExtractionConfig()
+    relation: RelationConfig = RelationConfig()
+    view: ViewConfig = ViewConfig()
+
+
+class Features(eqx.Module):
+    """One scan's anchors, their graph, its edges in the relation database, and its surfaces."""
+
+    anchors: Anchors
+    graph: AnchorGraph
+    histogram: EdgeHistogram
+    view: View
+
+
+def describe(scan: Scan, config: FeatureConfig) -> Features:
+    """The features of one scan. Any scan has some; a bad one has no anchors."""
+    segments = segment(scan, config.extraction.segment)
+    course = surface(segments, config.extraction.surface)
+    anchors = choose_anchors(segments, course, config.extraction)
+    graph = anchor_graph(anchors)
+    return Features(
+        anchors=anchors,
+        graph=graph,
+        histogram=edge_histogram(graph, config.relation),
+        view=view(scan, segments, course, config.view),
+    )

@@ -1,0 +1,299 @@
+"""APR scan matching: section 2 of the paper, from a scan to weighted global alignments."""
+
+from collections.abc import Sequence
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from aprjax.alignment.align import AlignmentConfig, Alternatives, align
+from aprjax.evaluation.congruence import CongruenceConfig, congruence, quality, sees
+from aprjax.evaluation.screen import ScreenConfig, screen
+from aprjax.evaluation.view import View
+from aprjax.features import Features, describe
+from aprjax.configuration import capacity, threshold
+from aprjax.numerics import bucket, wrap
+from aprjax.references import ReferenceIndex, ReferenceSet
+from aprjax.refine import RefineConfig, refine
+from aprjax.relations.histograms import matching_angles, preselection_quality
+from aprjax.scan import Scan
+from aprjax.se2 import Pose, inverse
+from aprjax.status import Status
+
+
+class MatchConfig(eqx.Module):
+    """How queries are compared with references, stage by stage.
+
+    How scans are described belongs to the `ReferenceSet`, since it holds for both sides.
+    """
+
+    alignment: AlignmentConfig = AlignmentConfig()
+    screen: ScreenConfig = ScreenConfig()
+    refine: RefineConfig = RefineConfig()
+    congruence: CongruenceConfig = CongruenceConfig()
+    min_quality: Float[Array, ""] = threshold(0.0, "least e_m of a hypothesis")
+    distinct_distance: Float[Array, ""] = threshold(0.3, "metres between distinct hypotheses")
+    distinct_angle: Float[Array, ""] = threshold(0.2, "radians, likewise")
+    rival: Float[Array, ""] = threshold(0.9, "share of the best e_m that makes a rival")
+    top_k: int | None = eqx.field(default=None, static=True)
+    """References aligned, those with the highest q_m; all of them by default."""
+    kept: int | None = eqx.field(default=24, static=True)
+    """Alternatives that pass the screen, over all references; `None` is all (no cascade)."""
+    hypotheses: int = capacity(5, "K, the most hypotheses of a query")
+    chunk: int = capacity(16, "queries worked on at a time, which bounds the memory")
+
+
+class Counts(eqx.Module):
+    """How much was left after each stage."""
+
+    anchors: Int[Array, "*batch"]
+    """Anchors of the query."""
+    overflow: Int[Array, "*batch"]
+    """Anchors that the capacity left out."""
+    aligned: Int[Array, "*batch"]
+    """References with at least one alternative."""
+    alternatives: Int[Array, "*batch"]
+    """Alternatives of all references."""
+    evaluated: Int[Array, "*batch"]
+    """Alternatives that were refined and compared by synthetic scans."""
+
+
+class MatchResult(eqx.Module):
+    """Hypotheses of where each query was taken, best first over all references.
+
+    Entries that are not `valid` hold zeros, and -1 for the reference.
+    """
+
+    reference: Int[Array, "*batch K"]
+    """Id of the reference scan."""
+    T_ref_query: Float[Array, "*batch K 3"]
+    """Pose of the query's laser in the reference scan's frame; metres, radians."""
+    covariance: Float[Array, "*batch K 3 3"]
+    """Of `T_ref_query`: m², m rad, rad²."""
+    quality: Float[Array, "*batch K"]
+    """e_m in [0, 1]."""
+    preselection: Float[Array, "*batch K"]
+    """q_m of the reference."""
+    agreeing_anchors: Int[Array, "*batch K"]
+    """Anchors of the query with a counterpart in the reference, before refinement."""
+    agreeing_beams: Int[Array, "*batch K"]
+    """Compared beams, of both scans, that agree with the synthetic scans."""
+    valid: Bool[Array, "*batch K"]
+    counts: Counts
+    status: Int[Array, "*batch"]
+    """A `Status`."""
+
+
+def match(scan: Scan, references: ReferenceSet, config: MatchConfig | None = None) -> MatchResult:
+    """Where one scan was taken, with respect to every reference.
+
+    `match_batch` without the leading axis.
+    """
+    result = match_batch([scan], references, config)
+    return jax.tree.map(lambda array: array[0], result)
+
+
+def match_batch(
+    scans: Sequence[Scan] | Scan, references: ReferenceSet, config: MatchConfig | None = None
+) -> MatchResult:
+    """Where each scan was taken, with respect to every reference, in one jitted call.
+
+    `scans` is a list of scans or a stacked `Scan`; the result has a leading axis of that length
+    and stays on the device. The call compiles once for each bucket of beams, of references and
+    of queries (see `numerics.bucket`), whatever the thresholds. Raises `ValueError` for an empty
+    list and for no references; a scan in which nothing can be found is no error but a status.
+    """
+    config = MatchConfig() if config is None else config
+    if len(references) == 0:
+        raise ValueError("references: the set is empty")
+    batch = scans if isinstance(scans, Scan) else Scan.stack(scans)
+    if batch.ranges.ndim != 2 or batch.ranges.shape[0] == 0:
+        raise ValueError(f"scans: ranges of shape {batch.ranges.shape} are not (queries, beams)")
+    queries = batch.ranges.shape[0]
+    chunk = min(config.chunk, bucket(queries, smallest=1))
+    slots = -(-bucket(queries, smallest=1) // chunk) * chunk
+    result = _match_chunks(
+        batch.pad_batch(slots), np.int32(queries), references.index, config, chunk
+    )
+    return jax.tree.map(lambda array: array[:queries], result)
+
+
+@partial(jax.jit, static_argnames="chunk")
+def _match_chunks(
+    scans: Scan,
+    queries: Int[Array, ""],
+    references: ReferenceIndex,
+    config: MatchConfig,
+    chunk: int,
+) -> MatchResult:
+    """`chunk` queries at a time, so that memory does not grow with the batch.
+
+    The number of rounds is traced: padding up to the bucket costs no time.
+    """
+
+    def part(index):
+        return jax.tree.map(lambda a: jax.lax.dynamic_slice_in_dim(a, index * chunk, chunk), scans)
+
+    def work(index, results):
+        result = _match_chunk(part(index), references, config)
+        return jax.tree.map(
+            lambda all_, new: jax.lax.dynamic_update_slice_in_dim(all_, new, index * chunk, 0),
+            results,
+            result,
+        )
+
+    shapes = jax.eval_shape(lambda: _match_chunk(part(0), references, config))
+    slots = scans.ranges.shape[0]
+    empty = jax.tree.map(lambda leaf: jnp.zeros((slots, *leaf.shape[1:]), leaf.dtype), shapes)
+    return jax.lax.fori_loop(0, (queries + chunk - 1) // chunk, work, empty)
+
+
+def _match_chunk(scans: Scan, references: ReferenceIndex, config: MatchConfig) -> MatchResult:
+    """Section 2 of the paper for a few queries at once."""
+    queries = jax.vmap(describe, (0, None))(scans, references.config)
+    relation = references.config.relation
+    q_m = preselection_quality(queries.histogram, references.features.histogram, relation)
+    angles = matching_angles(queries.histogram, references.features.histogram, relation)
+    return jax.vmap(_match_one, (0, 0, 0, None, None))(queries, q_m, angles, references, config)
+
+
+def _match_one(
+    query: Features,
+    q_m: Float[Array, " references"],
+    angles: Float[Array, "references direction_bins"],
+    references: ReferenceIndex,
+    config: MatchConfig,
+) -> MatchResult:
+    """Candidates, their alignments, the screen, refinement and evaluation, for one query."""
+    rows = _preselected(q_m, references, config)
+    candidates = jax.tree.map(lambda array: array[rows], references.features)
+
+    aligned = jax.vmap(align, (0, None, 0, None))(
+        candidates.graph, query.graph, angles[rows], config.alignment
+    )
+    aligned = eqx.tree_at(
+        lambda a: a.valid, aligned, aligned.valid & references.valid[rows][:, None]
+    )
+    kept, row = _screened(aligned, rows, references.features.view, query.view, config)
+
+    def evaluate(alternative: Alternatives, row: Int[Array, ""]):
+        reference = jax.tree.map(lambda array: array[row], references.features.view)
+        refined = refine(reference, query.view, alternative.T_ref_query, config.refine)
+        T_ref_query = refined.T_ref_query
+        ahead = congruence(reference, query.view, inverse(T_ref_query), config.congruence)
+        back = congruence(query.view, reference, T_ref_query, config.congruence)
+        e_m = quality(
+            ahead,
+            back,
+            sees(reference, T_ref_query[:2]),
+            sees(query.view, inverse(T_ref_query)[:2]),
+            alternative.anchors,
+            config.congruence.quality,
+        )
+        return refined, e_m, ahead.agree + back.agree
+
+    refined, e_m, beams = jax.vmap(evaluate)(kept, row)
+    accepted = kept.valid & (e_m >= config.min_quality) & (e_m > 0)
+    best, valid, rival = _distinct(refined.T_ref_query, row, e_m, accepted, config)
+
+    def pick(array):
+        mask = valid.reshape(valid.shape + (1,) * (array.ndim - 1))
+        return jnp.where(mask, array[best], jnp.zeros_like(array[best]))
+
+    counts = Counts(
+        anchors=jnp.sum(query.anchors.valid, dtype=jnp.int32),
+        overflow=query.anchors.overflow,
+        aligned=jnp.sum(jnp.any(aligned.valid, axis=1), dtype=jnp.int32),
+        alternatives=jnp.sum(aligned.valid, dtype=jnp.int32),
+        evaluated=jnp.sum(kept.valid, dtype=jnp.int32),
+    )
+    return MatchResult(
+        reference=jnp.where(valid, references.ids[row[best]], -1),
+        T_ref_query=pick(refined.T_ref_query),
+        covariance=pick(refined.covariance),
+        quality=pick(e_m),
+        preselection=pick(q_m[row]),
+        agreeing_anchors=pick(kept.anchors),
+        agreeing_beams=pick(beams.astype(jnp.int32)),
+        valid=valid,
+        counts=counts,
+        status=_status(counts, valid[0], rival),
+    )
+
+
+def _preselected(
+    q_m: Float[Array, " references"], references: ReferenceIndex, config: MatchConfig
+) -> Int[Array, " candidates"]:
+    """Rows of the references to align, ascending so that ties go to the lowest id."""
+    size = q_m.shape[0]
+    if config.top_k is None or config.top_k >= size:
+        return jnp.arange(size)
+    _, rows = jax.lax.top_k(jnp.where(references.valid, q_m, -1.0), config.top_k)
+    return jnp.sort(rows)
+
+
+def _screened(
+    aligned: Alternatives,
+    rows: Int[Array, " candidates"],
+    references: View,
+    query: View,
+    config: MatchConfig,
+) -> tuple[Alternatives, Int[Array, " kept"]]:
+    """The alternatives worth a synthetic scan, over all references, and their rows."""
+    per_reference = aligned.valid.shape[1]
+    everything = jax.tree.map(lambda array: array.reshape(-1, *array.shape[2:]), aligned)
+    if config.kept is None or config.kept >= everything.valid.shape[0]:
+        return everything, jnp.repeat(rows, per_reference)
+
+    def rough(row, found):
+        reference = jax.tree.map(lambda array: array[row], references)
+        return jax.vmap(lambda T, a: screen(reference, query, T, a, config.screen))(
+            found.T_ref_query, found.anchors
+        )
+
+    score = jax.vmap(rough)(rows, aligned)
+    score = jnp.where(aligned.valid, score, -1.0).reshape(-1)
+    _, index = jax.lax.top_k(score, config.kept)
+    return jax.tree.map(lambda array: array[index], everything), rows[index // per_reference]
+
+
+def _distinct(
+    T_ref_query: Pose,
+    row: Int[Array, " kept"],
+    e_m: Float[Array, " kept"],
+    accepted: Bool[Array, " kept"],
+    config: MatchConfig,
+) -> tuple[Int[Array, " K"], Bool[Array, " K"], Bool[Array, ""]]:
+    """The K best alternatives, each a different reference or pose, and whether one is a rival.
+
+    Alternatives of one reference that refinement brought to the same pose are one hypothesis.
+    Another pose in the best one's own reference that is about as good is a rival; whether two
+    references show the same place is not known here.
+    """
+
+    def choose(left, _):
+        best = jnp.argmax(jnp.where(left, e_m, -1.0))
+        gap = jnp.sum((T_ref_query[:, :2] - T_ref_query[best, :2]) ** 2, axis=-1)
+        turn = jnp.abs(wrap(T_ref_query[:, 2] - T_ref_query[best, 2]))
+        same = (row == row[best]) & (gap < config.distinct_distance**2)
+        return left & ~(same & (turn < config.distinct_angle)), (best, left[best])
+
+    _, (best, valid) = jax.lax.scan(choose, accepted, length=config.hypotheses)
+    as_good = valid & (row[best] == row[best[0]]) & (e_m[best] >= config.rival * e_m[best[0]])
+    return best, valid, jnp.any(as_good[1:])
+
+
+def _status(counts: Counts, accepted: Bool[Array, ""], rival: Bool[Array, ""]) -> Int[Array, ""]:
+    """The first of the outcomes that applies, in the order of the stages."""
+    cases = [
+        (counts.anchors < 2, Status.TOO_FEW_ANCHORS),
+        (counts.alternatives == 0, Status.NO_CANDIDATE),
+        (~accepted, Status.BELOW_THRESHOLD),
+        (rival, Status.AMBIGUOUS),
+        (counts.overflow > 0, Status.CAPACITY_EXCEEDED),
+    ]
+    conditions = [condition for condition, _ in cases]
+    return jnp.select(conditions, [jnp.int32(status) for _, status in cases], jnp.int32(Status.OK))

@@ -1,0 +1,160 @@
+"""The set of reference scans that queries are matched with."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Int
+
+from aprjax.features import FeatureConfig, Features, describe
+from aprjax.numerics import bucket
+from aprjax.scan import Scan
+
+
+class ReferenceIndex(eqx.Module):
+    """What the engine compares queries with: every reference's features, padded to a bucket."""
+
+    features: Features
+    """Leading axis `rows`."""
+    ids: Int[Array, " rows"]
+    """Ascending; -1 in the padding at the end."""
+    config: FeatureConfig
+
+    @property
+    def valid(self) -> Bool[Array, " rows"]:
+        """Rows that hold a reference."""
+        return self.ids >= 0
+
+
+_CHUNK = 64  # references described at a time, which bounds the memory
+
+
+@jax.jit
+def _describe_chunk(scans: Scan, config: FeatureConfig) -> Features:
+    return jax.vmap(describe, (0, None))(scans, config)
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceSet:
+    """Reference scans with their features. Immutable: `add` and `remove` return another set.
+
+    A reference keeps its id for good; an id is never given twice. Arrays grow in buckets of four
+    to the octave, so that adding scans one by one compiles rarely.
+    """
+
+    scans: Scan
+    """On the host, `(references, slots)`."""
+    ids: np.ndarray
+    """`(references,)`, ascending."""
+    next_id: int
+    """What the next reference will be called."""
+    index: ReferenceIndex
+
+    @classmethod
+    def build(cls, scans: Sequence[Scan] | Scan, config: FeatureConfig | None = None) -> Self:
+        """The set of these scans, with ids 0, 1, …
+
+        `scans` is a list or a stacked `Scan` `(references, slots)`. Raises `ValueError` if it is
+        empty. A scan without anchors is kept and never matched.
+        """
+        stacked = scans if isinstance(scans, Scan) else Scan.stack(scans)
+        if np.ndim(stacked.ranges) != 2:
+            raise ValueError(
+                f"scans: ranges of shape {np.shape(stacked.ranges)} are not (references, beams)"
+            )
+        count = np.shape(stacked.ranges)[0]
+        return cls.restore(stacked, np.arange(count), count, config or FeatureConfig())
+
+    @classmethod
+    def restore(cls, scans: Scan, ids: np.ndarray, next_id: int, config: FeatureConfig) -> Self:
+        """The set of stacked `scans` under ascending `ids` `(references,)`, as a file holds it."""
+        return cls(
+            scans=scans,
+            ids=np.asarray(ids, np.int32),
+            next_id=next_id,
+            index=_index(_described(scans, config), np.asarray(ids, np.int32), config),
+        )
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def add(self, scans: Sequence[Scan]) -> Self:
+        """The set with these scans added under the next ids; only they are described anew."""
+        slots = self.scans.ranges.shape[-1]
+        new = Scan.stack(scans)
+        slots = max(slots, new.ranges.shape[-1])
+        if slots > self.scans.ranges.shape[-1]:
+            # Views are as wide as the scans, so wider scans mean describing all again.
+            both = _joined(self.scans.pad(slots), new.pad(slots))
+            features = _described(both, self.index.config)
+        else:
+            new = new.pad(slots)
+            both = _joined(self.scans, new)
+            features = _joined(self._features(), _described(new, self.index.config))
+        ids = np.r_[self.ids, self.next_id + np.arange(len(scans))].astype(np.int32)
+        return type(self)(
+            scans=both,
+            ids=ids,
+            next_id=self.next_id + len(scans),
+            index=_index(features, ids, self.index.config),
+        )
+
+    def remove(self, ids: Iterable[int]) -> Self:
+        """The set without the references of these ids; the others keep theirs.
+
+        Raises `ValueError` naming an id that is not in the set.
+        """
+        gone = np.asarray(list(ids), np.int64)
+        for position, value in enumerate(gone):
+            if value not in self.ids:
+                raise ValueError(f"ids[{position}]: no reference has id {value}")
+        keep = ~np.isin(self.ids, gone)
+        return type(self)(
+            scans=jax.tree.map(lambda array: array[keep], self.scans),
+            ids=self.ids[keep],
+            next_id=self.next_id,
+            index=_index(
+                jax.tree.map(lambda array: array[keep], self._features()),
+                self.ids[keep],
+                self.index.config,
+            ),
+        )
+
+    def _features(self) -> Features:
+        """The features without padding."""
+        return jax.tree.map(lambda array: array[: len(self.ids)], self.index.features)
+
+
+def _described(scans: Scan, config: FeatureConfig) -> Features:
+    """Features of stacked scans, in chunks of one shape so that one compilation serves all."""
+    count = scans.ranges.shape[0]
+    padded = scans.pad_batch(-(-count // _CHUNK) * _CHUNK)
+    chunks = [
+        _describe_chunk(jax.tree.map(lambda array: array[start : start + _CHUNK], padded), config)  # noqa: B023
+        for start in range(0, count, _CHUNK)
+    ]
+    return jax.tree.map(lambda *arrays: jnp.concatenate(arrays)[:count], *chunks)
+
+
+def _joined(first, second):
+    """Two stacks of scans or features, one after the other."""
+    return jax.tree.map(
+        lambda a, b: (jnp if isinstance(a, jax.Array) else np).concatenate([a, b]), first, second
+    )
+
+
+def _index(features: Features, ids: np.ndarray, config: FeatureConfig) -> ReferenceIndex:
+    """The index of unpadded features."""
+    missing = bucket(max(len(ids), 1)) - len(ids)
+
+    def pad(array: Array) -> Array:
+        return jnp.pad(array, [(0, missing)] + [(0, 0)] * (array.ndim - 1))
+
+    padded = jax.tree.map(pad, features)
+    return ReferenceIndex(
+        padded, jnp.pad(jnp.asarray(ids), (0, missing), constant_values=-1), config
+    )
