@@ -54,6 +54,7 @@ def from_dict(kind: type[_Config], values: dict[str, Any]) -> _Config:
             raise ValueError(f"{kind.__name__} has no field {name!r}")
 
     def read(name: str, value: Any) -> Any:
-        return from_dict(type(fields[name].default), value) if isinstance(value, dict) else value
+        default: Any = fields[name].default
+        return from_dict(type(default), value) if isinstance(value, dict) else value
 
     return kind(**{name: read(name, value) for name, value in values.items()})

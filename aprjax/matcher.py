@@ -10,11 +10,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.alignment.align import AlignmentConfig, Alternatives, align
+from aprjax.configuration import capacity, threshold
 from aprjax.evaluation.congruence import CongruenceConfig, congruence, quality, sees
 from aprjax.evaluation.screen import ScreenConfig, screen
 from aprjax.evaluation.view import View
 from aprjax.features import Features, describe
-from aprjax.configuration import capacity, threshold
 from aprjax.numerics import bucket, wrap
 from aprjax.references import ReferenceIndex, ReferenceSet
 from aprjax.refine import RefineConfig, refine

@@ -69,7 +69,7 @@ class Scan(eqx.Module):
         # One beam may repeat: some drivers report both ends of the turn.
         if angle_increment == 0 or abs(angle_increment) * (values.size - 1) > 2 * np.pi * 1.001:
             raise ValueError(
-                f"angle_increment: {angle_increment} rad is zero or turns {values.size} beams past 360°"
+                f"angle_increment: {angle_increment} rad is zero, or {values.size} beams pass 360°"
             )
         if not 0 <= range_min < range_max:
             raise ValueError(

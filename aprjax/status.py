@@ -15,7 +15,7 @@ class Status(enum.IntEnum):
     AMBIGUOUS = 1
     """There are hypotheses, and another place explains the scan about as well as the best."""
     CAPACITY_EXCEEDED = 2
-    """As OK, but the scan had more anchors than the configured capacity; the most salient were used."""
+    """As OK, but the scan had more anchors than the capacity; the most salient were used."""
     TOO_FEW_ANCHORS = 3
     """Fewer than two anchors: no edge to compare. Empty, invalid and one-beam scans end here."""
     NO_CANDIDATE = 4

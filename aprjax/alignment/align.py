@@ -6,9 +6,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.alignment.cluster import ClusterConfig, centre_of_gravity, contributions
-from aprjax.alignment.correspondence import CorrespondenceConfig, correspondence_matrix
+from aprjax.alignment.correspondence import CorrespondenceConfig, correspondence_matrices
 from aprjax.alignment.rotation import RotationConfig, rotation_peaks
 from aprjax.configuration import capacity, threshold
+from aprjax.numerics import wrap
 from aprjax.relations.graph import AnchorGraph
 from aprjax.se2 import Pose, transform
 
@@ -21,11 +22,11 @@ class AlignmentConfig(eqx.Module):
     cluster: ClusterConfig = ClusterConfig()
     agreement: Float[Array, ""] = threshold(0.25, "metres between anchors that agree")
     min_anchors: Float[Array, ""] = threshold(2, "anchors that must agree")
-    maxima: int = capacity(2, "maxima of the correspondence matrix for each rotation")
+    maxima: int = capacity(6, "alternatives: maxima of the matrices of all rotations together")
 
 
 class Alternatives(eqx.Module):
-    """Alignments of a query with a reference, in no particular order."""
+    """Alignments of a query with a reference, that of the highest maximum first."""
 
     T_ref_query: Pose
     """Metres and radians."""
@@ -42,41 +43,49 @@ def align(
     histogram: Float[Array, " direction_bins"],
     config: AlignmentConfig,
 ) -> Alternatives:
-    """The `2 * peaks * maxima` alternatives of one query and one reference."""
-    rotations = rotation_peaks(histogram, config.rotation)
-    found = jax.vmap(lambda angle: _align_rotated(reference, query, angle, config))(rotations.angle)
-    found = eqx.tree_at(lambda f: f.valid, found, found.valid & (rotations.votes > 0)[:, None])
-    return jax.tree.map(lambda array: array.reshape(-1, *array.shape[2:]), found)
+    """The alternatives `(maxima,)` of one query and one reference.
 
-
-def _align_rotated(
-    reference: AnchorGraph, query: AnchorGraph, rotation: Float[Array, ""], config: AlignmentConfig
-) -> Alternatives:
-    """The alternatives for one rotation, from the maxima of its correspondence matrix.
-
-    All anchors that agree on one alignment have high entries; once it is found, its pairs are
-    taken out, so that the next maximum stands for another one.
+    All anchors that agree on one alignment have high entries in the correspondence matrix; once
+    it is found, its pairs are taken out, so that the next maximum stands for another one.
     """
-    matrix = correspondence_matrix(reference, query, rotation, config.correspondence)
+    rotations = rotation_peaks(histogram, config.rotation)
+    matrices = correspondence_matrices(reference, query, rotations.angle, config.correspondence)
+    matrices = jnp.where((rotations.votes > 0)[:, None, None], matrices, 0)
     real_query, real_reference = jnp.any(query.valid, axis=1), jnp.any(reference.valid, axis=1)
     weight = real_query / jnp.maximum(jnp.sum(real_query), 1)
     centre = jnp.sum(weight[:, None] * query.xy, axis=0)
 
-    def next_maximum(matrix, _):
-        best = jnp.argmax(matrix)
-        pair = jnp.unravel_index(best, matrix.shape)
-        found = contributions(reference, query, pair, rotation, centre, config.correspondence)
-        T_ref_query, size = centre_of_gravity(found, centre, config.cluster)
+    def next_maximum(matrices: Int[Array, "rotations n m"], _):
+        votes, (r, i, j) = _maximum(matrices)
+        rotation = rotations.angle[r]
+        found = contributions(reference, query, i, j, rotation, centre, config.correspondence)
+        T_ref_query, size = centre_of_gravity(found, rotation, centre, config.cluster)
         gap = reference.xy[:, None] - transform(T_ref_query, query.xy)
-        agree = (jnp.sum(gap * gap, axis=-1) <= config.agreement**2) & real_reference[:, None]
-        agree = agree & real_query
+        agree = jnp.sum(gap * gap, axis=-1) <= config.agreement**2
+        agree = agree & real_reference[:, None] & real_query
         anchors = jnp.sum(jnp.any(agree, axis=0), dtype=jnp.int32)
-        votes = matrix[pair]
-        left = jnp.where(agree, 0, matrix).at[pair].set(0)
-        valid = (votes > 0) & (size > 0) & (anchors >= config.min_anchors)
-        return left, Alternatives(
-            T_ref_query=T_ref_query, anchors=anchors, votes=votes, valid=valid
+        alternative = Alternatives(
+            T_ref_query=T_ref_query,
+            anchors=anchors,
+            votes=votes,
+            valid=(votes > 0) & (size > 0) & (anchors >= config.min_anchors),
         )
+        turned = wrap(rotations.angle - T_ref_query[2])
+        explained = (jnp.abs(turned) <= 2 * config.correspondence.angle)[:, None, None] & agree
+        return jnp.where(explained, 0, matrices).at[r, i, j].set(0), alternative
 
-    _, found = jax.lax.scan(next_maximum, matrix, length=config.maxima)
+    _, found = jax.lax.scan(next_maximum, matrices, length=config.maxima)
     return found
+
+
+def _maximum(array: Int[Array, "r n m"]) -> tuple[Int[Array, ""], tuple[Array, Array, Array]]:
+    """The largest entry, a small count, and its indices; the first of equals.
+
+    Value and position in one integer make this a plain maximum, which XLA vectorises.
+    """
+    size = array.size
+    rank = size - 1 - jnp.arange(size, dtype=jnp.int32).reshape(array.shape)
+    best = jnp.max(array * size + rank)
+    position = size - 1 - best % size
+    _, n, m = array.shape
+    return best // size, (position // (n * m), position // m % n, position % m)

@@ -2,11 +2,11 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.alignment.correspondence import CorrespondenceConfig
 from aprjax.configuration import threshold
-from aprjax.numerics import safe_arctan2, wrap
+from aprjax.numerics import wrap
 from aprjax.relations.graph import AnchorGraph
 from aprjax.se2 import Pose, rotate
 
@@ -21,8 +21,8 @@ class ClusterConfig(eqx.Module):
 class Contributions(eqx.Module):
     """Transformations, one for each edge of the reference that starts at the anchor."""
 
-    angle: Float[Array, " n"]
-    """Rotation in radians."""
+    turn: Float[Array, " n"]
+    """Rotation in radians, past the one that the correspondences were sought for."""
     middle: Float[Array, "n 2"]
     """Where the centre of the query's anchors comes to lie, in metres."""
     valid: Bool[Array, " n"]
@@ -31,35 +31,39 @@ class Contributions(eqx.Module):
 def contributions(
     reference: AnchorGraph,
     query: AnchorGraph,
-    anchors: tuple[Array, Array],
+    i: Int[Array, ""],
+    j: Int[Array, ""],
     rotation: Float[Array, ""],
     centre: Float[Array, "2"],
     config: CorrespondenceConfig,
 ) -> Contributions:
-    """The transformations from the edges at an identified pair of anchors (i, j).
+    """The transformations from the edges at anchors i and j, identified with each other.
 
     Of the query's edges that may be edge (i, b) of the reference, the one closest in length is
-    taken. Middle point comes on middle point.
+    taken. Middle point comes on middle point, direction on direction.
     """
-    i, j = anchors
     unit, length = reference.unit[i], reference.length[i]
-    turned = rotate(query.unit[j], rotation)
-    off = jnp.abs(length[:, None] - query.length[j])
-    cosine = unit[:, None, 0] * turned[:, 0] + unit[:, None, 1] * turned[:, 1]
-    may = (off <= config.length) & (cosine >= jnp.cos(config.angle) - 1e-6)
-    may = may & reference.valid[i][:, None] & query.valid[j]
-    partner = jnp.argmin(jnp.where(may, off, jnp.inf), axis=1)
+    may = reference.valid[i][:, None] & query.valid[j]
+    same = config.same(unit[:, None], length[:, None], query.unit[j], query.length[j], rotation)
+    off = jnp.where(may & same, jnp.abs(length[:, None] - query.length[j]), jnp.inf)
+    partner = jnp.argmin(off, axis=1)
 
+    # Sine and cosine of an edge's rotation are products of unit vectors: no angle is needed.
     ours = query.unit[j, partner]
-    sine = ours[:, 0] * unit[:, 1] - ours[:, 1] * unit[:, 0]
-    angle = safe_arctan2(sine, jnp.sum(ours * unit, axis=-1))
-    to_centre = centre - 0.5 * (query.xy[j] + query.xy[partner])
-    middle = 0.5 * (reference.xy[i] + reference.xy) + rotate(to_centre, angle)
-    return Contributions(angle=angle, middle=middle, valid=jnp.any(may, axis=1))
+    cos = jnp.sum(ours * unit, axis=-1)
+    sin = ours[:, 0] * unit[:, 1] - ours[:, 1] * unit[:, 0]
+    turn = jnp.arcsin(jnp.clip(sin * jnp.cos(rotation) - cos * jnp.sin(rotation), -1.0, 1.0))
+    arm = centre - 0.5 * (query.xy[j] + query.xy[partner])
+    turned = jnp.stack([cos * arm[:, 0] - sin * arm[:, 1], sin * arm[:, 0] + cos * arm[:, 1]], -1)
+    middle = 0.5 * (reference.xy[i] + reference.xy) + turned
+    return Contributions(turn=turn, middle=middle, valid=jnp.isfinite(jnp.min(off, axis=1)))
 
 
 def centre_of_gravity(
-    found: Contributions, centre: Float[Array, "2"], config: ClusterConfig
+    found: Contributions,
+    rotation: Float[Array, ""],
+    centre: Float[Array, "2"],
+    config: ClusterConfig,
 ) -> tuple[Pose, Float[Array, ""]]:
     """The mean transformation `T_ref_query` of the largest cluster, and its size.
 
@@ -67,13 +71,13 @@ def centre_of_gravity(
     erroneous ones that the clustering is there to drop.
     """
     gap = jnp.sum((found.middle[:, None] - found.middle) ** 2, axis=-1)
-    turn = jnp.abs(wrap(found.angle[:, None] - found.angle))
-    near = (gap <= config.distance**2) & (turn <= config.angle) & found.valid & found.valid[:, None]
+    near = (gap <= config.distance**2) & found.valid & found.valid[:, None]
+    near = near & (jnp.abs(found.turn[:, None] - found.turn) <= config.angle)
     seed = jnp.argmax(jnp.sum(near, axis=1))
     member = near[seed].astype(jnp.float32)
     size = jnp.sum(member)
     share = member / jnp.maximum(size, 1.0)
-    angle = found.angle[seed] + jnp.sum(share * wrap(found.angle - found.angle[seed]))
+    angle = rotation + jnp.sum(share * found.turn)
     middle = jnp.sum(share[:, None] * found.middle, axis=0)
     xy = middle - rotate(centre, angle)
     return jnp.concatenate([xy, wrap(angle)[None]]), size

@@ -33,8 +33,9 @@ def rotation_peaks(histogram: Float[Array, " direction_bins"], config: RotationC
     """
     bins = histogram.shape[-1]
     offsets = np.arange(-config.width, config.width + 1)
-    votes = sum(jnp.roll(histogram, -shift) for shift in offsets)
-    tilt = sum(shift * jnp.roll(histogram, -shift) for shift in offsets)
+    shifted = jnp.stack([jnp.roll(histogram, -shift) for shift in offsets])
+    votes = jnp.sum(shifted, axis=0)
+    tilt = jnp.sum(offsets[:, None] * shifted, axis=0)
     position = jnp.arange(bins)
 
     def choose(left, _):

@@ -4,9 +4,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from aprjax.configuration import capacity, threshold
 from aprjax.evaluation.synthetic_scan import synthetic_scan
 from aprjax.evaluation.view import View
-from aprjax.configuration import capacity, threshold
 from aprjax.numerics import safe_norm
 from aprjax.se2 import Pose, inverse, transform
 

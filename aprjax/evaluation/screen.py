@@ -9,9 +9,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from aprjax.configuration import capacity, threshold
 from aprjax.evaluation.congruence import QualityConfig, Verdicts, quality
 from aprjax.evaluation.view import View
-from aprjax.configuration import capacity, threshold
 from aprjax.numerics import safe_norm
 from aprjax.se2 import Pose, inverse, transform
 

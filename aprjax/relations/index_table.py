@@ -25,7 +25,7 @@ class IndexTable:
 
     @classmethod
     def build(cls, length: np.ndarray, valid: np.ndarray) -> Self:
-        """The table of stacked graphs: `length` and `valid` are `(references, anchors, anchors)`."""
+        """The table of stacked graphs; both arrays are `(references, anchors, anchors)`."""
         length, valid = np.asarray(length), np.asarray(valid)
         a, b = np.triu_indices(length.shape[-1], k=1)
         reference, edge = np.nonzero(valid[:, a, b])

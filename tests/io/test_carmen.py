@@ -4,7 +4,8 @@ import math
 import numpy as np
 import pytest
 
-from aprjax.io.carmen import LASERS, LogError, read_log
+from aprjax.io.carmen import LogError, read_log
+from aprjax.io.messages import LASERS
 from tests.make_logs import write_logs
 
 RAMP = [1.0 + 0.01 * i for i in range(180)]

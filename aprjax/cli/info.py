@@ -1,0 +1,142 @@
+"""`aprjax info`: what a file is and what it holds."""
+
+import argparse
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from aprjax.io.carmen import LogReport
+    from aprjax.scan import Scan
+
+_SAMPLE = 64  # scans of which anchors are counted
+
+
+def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add the subcommand to those of the parser."""
+    parser = commands.add_parser(
+        "info", help="say what a file holds", description="Say what a log or reference file holds."
+    )
+    parser.add_argument("file", type=Path, metavar="FILE", help="a log, or a reference file")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Carry out the subcommand. Raises `CommandError` and `OSError`."""
+    from aprjax.cli.inputs import holds_references
+
+    path = arguments.file
+    facts = _reference_facts(path) if holds_references(path) else _log_facts(path)
+    # A name that is no Unicode must not stop the print.
+    facts = {"file": str(path).encode(errors="replace").decode(), **facts}
+    if arguments.json:
+        print(json.dumps(facts, indent=2))
+    else:
+        for key, value in facts.items():
+            print(f"{key.replace('_', ' ')}: {_plain(value)}")
+
+
+def _log_facts(path: Path) -> dict[str, Any]:
+    from aprjax.cli.inputs import read_scans
+
+    scans, report = read_scans(path)
+    return {
+        "kind": "CARMEN log",
+        "lines": report.lines,
+        "scans": report.scans,
+        "lasers": list(report.lasers),
+        "scans_of_other_lasers": report.other_lasers,
+        **_scan_facts(scans),
+        "saturation_m": report.saturation,
+        "odometry": _odometry(report),
+        "damaged_lines": report.damaged_lines,
+        "damage": [f"line {line}: {reason}" for line, reason in report.damaged[:3]],
+        "unknown_lines": report.unknown.total(),
+        "unknown_kinds": sorted(report.unknown),
+        "anchors_per_scan": _mean_anchors(scans),
+    }
+
+
+def _odometry(report: "LogReport") -> bool:
+    """Whether entries of the log have odometry that moves."""
+    return report.moved > 0 if report.messages["ODOM"] else report.lasers[0].startswith("ROBOT")
+
+
+def _scan_facts(scans: list["Scan"]) -> dict[str, Any]:
+    """Beams, angles and limits as the range over all scans, and what the beams met."""
+    import numpy as np
+
+    beams = hits = free = 0
+    for scan in scans:
+        ranges = np.asarray(scan.ranges)
+        beams += ranges.size
+        hits += int(np.sum((ranges >= scan.range_min) & (ranges <= scan.range_max)))
+        free += int(np.sum(np.isposinf(ranges)))
+    steps = [math.degrees(scan.angle_increment) for scan in scans]
+    counts = [int(scan.beams) for scan in scans]
+    turns = [abs(step) * (count - 1) for step, count in zip(steps, counts, strict=True)]
+    return {
+        "beams": _span(counts),
+        "resolution_deg": _span(steps, 3),
+        "field_of_view_deg": _span(turns, 1),
+        "first_beam_deg": _span([math.degrees(scan.angle_min) for scan in scans], 1),
+        "range_min_m": _span([float(scan.range_min) for scan in scans], 3),
+        "range_max_m": _span([float(scan.range_max) for scan in scans], 3),
+        "hits_share": round(hits / beams, 4),
+        "no_return_share": round(free / beams, 4),
+        "invalid_share": round((beams - hits - free) / beams, 4),
+    }
+
+
+def _span(values: list[Any], digits: int | None = None) -> Any:
+    """The value all have, else the least and the largest."""
+    rounded = [value if digits is None else round(value, digits) for value in values]
+    low, high = min(rounded), max(rounded)
+    return low if low == high else [low, high]
+
+
+def _mean_anchors(scans: list["Scan"]) -> float:
+    """Mean number of anchors of a few scans, evenly spread."""
+    import jax
+    import numpy as np
+
+    from aprjax.anchors.extract import ExtractionConfig, extract
+    from aprjax.scan import Scan
+
+    count = min(len(scans), _SAMPLE)
+    sample = Scan.stack([scans[i * len(scans) // count] for i in range(count)])
+    found = jax.jit(jax.vmap(extract, (0, None)))(sample.pad_batch(_SAMPLE), ExtractionConfig())
+    return round(float(np.sum(found.valid)) / count, 2)
+
+
+def _reference_facts(path: Path) -> dict[str, Any]:
+    import numpy as np
+
+    from aprjax.cli.inputs import open_references
+    from aprjax.io.reference_file import VERSION
+
+    references = open_references(path)
+    index = references.index
+    anchors = np.asarray(index.features.anchors.valid)[: len(references)]
+    return {
+        "kind": "reference file",
+        "version": VERSION,
+        "references": len(references),
+        "next_id": references.next_id,
+        "beams": _span([int(beams) for beams in references.scans.beams]),
+        "anchors_per_scan": round(float(anchors.sum(axis=1).mean()), 2),
+        "anchor_capacity": index.config.extraction.anchors,
+    }
+
+
+def _plain(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if value is None or value == []:
+        return "none"
+    if isinstance(value, list):
+        between = " to " if isinstance(value[0], int | float) else ", "
+        return between.join(map(str, value))
+    return str(value)

@@ -1,0 +1,52 @@
+"""The command `aprjax`: degrees and metres; results to files or standard output.
+
+Exit status: 0, or 1 for bad data with one line on standard error, 2 for bad usage, 130 when
+interrupted.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+
+from aprjax.cli import info, match
+from aprjax.cli.errors import CommandError
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one subcommand; the exit status. Bad usage raises argparse's `SystemExit`."""
+    arguments = _parser().parse_args(argv)
+    try:
+        arguments.run(arguments)
+        sys.stdout.flush()
+    except KeyboardInterrupt:
+        return _fail("interrupted", 130)
+    except BrokenPipeError:
+        # Whoever read standard output has closed it; Python would complain once more at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except CommandError as error:
+        return _fail(str(error), 1)
+    except OSError as error:
+        place = f"{error.filename}: " if error.filename else ""
+        return _fail(f"{place}{error.strerror or error}", 1)
+    return 0
+
+
+def _fail(message: str, status: int) -> int:
+    print("aprjax:", " ".join(message.splitlines()), file=sys.stderr)
+    return status
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="aprjax", description="Global self-localization with a 2D laser scanner."
+    )
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    for command in (match, info):
+        command.add_command(commands)
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

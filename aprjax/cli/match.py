@@ -1,0 +1,227 @@
+"""`aprjax match`: where the scans of one log were taken, with respect to those of another."""
+
+import argparse
+import sys
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from aprjax.cli.errors import CommandError
+from aprjax.cli.outputs import check_output
+from aprjax.cli.progress import Progress
+
+if TYPE_CHECKING:  # jax takes seconds to import, and --help need not wait for it
+    from aprjax.matcher import MatchConfig
+    from aprjax.references import ReferenceSet
+    from aprjax.scan import Scan
+
+_PIECE = 64  # most queries of a call
+
+
+def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add the subcommand to those of the parser."""
+    parser = commands.add_parser(
+        "match",
+        help="match every scan of a log with reference scans",
+        description="Match every scan of a log with all reference scans. Only the scans are "
+        "used: neither poses nor their order.",
+    )
+    parser.add_argument(
+        "references", type=Path, metavar="REFERENCES", help="a log, or a saved reference file"
+    )
+    parser.add_argument("queries", type=Path, metavar="QUERIES", help="a log")
+    parser.add_argument(
+        "--out", required=True, metavar="F.csv", help="the table to write; - is standard output"
+    )
+    parser.add_argument(
+        "--top-k",
+        type=_top_k,
+        default=None,
+        metavar="N|all",
+        help="references to align, those of the highest preselection value (default: all)",
+    )
+    parser.add_argument(
+        "--hypotheses", type=_count, default=5, metavar="K", help="most of a query (default: 5)"
+    )
+    parser.add_argument(
+        "--min-quality",
+        type=_share,
+        default=0.0,
+        metavar="E",
+        help="least quality of a hypothesis, from 0 to 1 (default: 0)",
+    )
+    parser.add_argument(
+        "--no-cascade",
+        action="store_true",
+        help="give every alignment the full evaluation, not only those that pass a quick check",
+    )
+    parser.add_argument(
+        "--anchors",
+        type=_count,
+        default=None,
+        metavar="N",
+        help="most anchor points of a scan (default: 16, or as the reference file has it)",
+    )
+    parser.add_argument(
+        "--save-references", type=Path, metavar="F", help="also save the references to a file"
+    )
+    parser.add_argument(
+        "--strict", action="store_true", help="stop at a damaged line instead of skipping it"
+    )
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Carry out the subcommand. Raises `CommandError` and `OSError`."""
+    inputs = (arguments.references, arguments.queries)
+    for out in (None if arguments.out == "-" else Path(arguments.out), arguments.save_references):
+        if out is not None:
+            check_output(out, *inputs)
+
+    queries, references = _read(arguments)
+    if arguments.save_references:
+        from aprjax.io.reference_file import save_references
+
+        save_references(references, arguments.save_references)
+
+    results, seconds = _match(queries, references, _config(arguments))
+    _write(arguments.out, results)
+    _summarise(len(references), results, seconds)
+
+
+def _read(arguments: argparse.Namespace) -> tuple[list["Scan"], "ReferenceSet"]:
+    """The query scans, and the references with their features."""
+    from aprjax.cli.inputs import holds_references, open_references, read_scans, warn_of_damage
+    from aprjax.references import ReferenceSet
+
+    # Both files are read before anything is computed, so that a bad one is found at once.
+    path, strict = arguments.references, arguments.strict
+    log = None if holds_references(path) else read_scans(path, strict=strict)
+    queries, report = read_scans(arguments.queries, strict=strict)
+    if log is None:
+        references = open_references(path)
+        capacity = references.index.config.extraction.anchors
+        if arguments.anchors not in (None, capacity):
+            raise CommandError(
+                f"{path}: was saved with {capacity} anchors, not {arguments.anchors}"
+            )
+    else:
+        warn_of_damage(path, log[1])
+        references = ReferenceSet.build(log[0], _feature_config(arguments.anchors))
+    warn_of_damage(arguments.queries, report)
+    return queries, references
+
+
+def _feature_config(anchors: int | None) -> Any:
+    from aprjax.configuration import from_dict
+    from aprjax.features import FeatureConfig
+
+    return from_dict(FeatureConfig, {"extraction": {"anchors": anchors}} if anchors else {})
+
+
+def _config(arguments: argparse.Namespace) -> "MatchConfig":
+    from aprjax.matcher import MatchConfig
+
+    kept = MatchConfig().kept
+    if kept is not None:
+        kept = None if arguments.no_cascade else max(kept, arguments.hypotheses)
+    return MatchConfig(
+        top_k=arguments.top_k,
+        hypotheses=arguments.hypotheses,
+        min_quality=arguments.min_quality,
+        kept=kept,
+    )
+
+
+def _match(
+    queries: list["Scan"], references: "ReferenceSet", config: "MatchConfig"
+) -> tuple[dict[str, Any], list[tuple[int, float]]]:
+    """The columns of the result table, and the queries and seconds of each piece.
+
+    The pieces are of one size, so that one compilation, in the first, serves all.
+    """
+    import jax
+    import numpy as np
+
+    from aprjax.matcher import match_batch
+    from aprjax.scan import Scan
+    from aprjax.status import Status
+
+    stacked = Scan.stack(queries)
+    count = len(queries)
+    pieces = -(-count // _PIECE)
+    size = -(-count // pieces)
+    columns: list[dict[str, Any]] = []
+    seconds: list[tuple[int, float]] = []
+    with Progress("matching", count) as progress:
+        for start in range(0, count, size):
+            began, stop = time.monotonic(), min(start + size, count)
+            piece = jax.tree.map(lambda array: array[start:stop], stacked)  # noqa: B023
+            # Empty scans fill up the last piece.
+            result = match_batch(piece.pad_batch(size), references, config)
+            result = jax.tree.map(lambda array: np.asarray(array[: stop - start]), result)  # noqa: B023
+            columns.append(
+                {
+                    "reference": result.reference,
+                    "pose": result.T_ref_query,
+                    "quality": result.quality,
+                    "preselection": result.preselection,
+                    "valid": result.valid,
+                    "status": np.array([Status(int(s)).text for s in result.status]),
+                    "agreeing_anchors": result.agreeing_anchors,
+                    "agreeing_beams": result.agreeing_beams,
+                }
+            )
+            seconds.append((stop - start, time.monotonic() - began))
+            progress.advance(stop - start)
+    return {name: np.concatenate([part[name] for part in columns]) for name in columns[0]}, seconds
+
+
+def _write(out: str, results: dict[str, Any]) -> None:
+    from aprjax.io.tables import write_matches
+
+    if out != "-":
+        write_matches(out, **results)
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        table = Path(folder) / "matches.csv"
+        write_matches(table, **results)
+        sys.stdout.write(table.read_text())
+    sys.stdout.flush()
+
+
+def _summarise(references: int, results: dict[str, Any], seconds: list[tuple[int, float]]) -> None:
+    """One line on standard error. The first of several pieces, which compiles, is no measure."""
+    queries, found = len(results["status"]), int(results["valid"].sum())
+    measured = seconds[1:] or seconds
+    each = 1e3 * sum(time for _, time in measured) / sum(count for count, _ in measured)
+    statuses = Counter(results["status"].tolist())
+    print(
+        f"{queries} queries, {references} references: {found} hypotheses in "
+        f"{sum(time for _, time in seconds):.1f} s, {each:.1f} ms per query"
+        f"{'' if len(seconds) > 1 else ' with compilation'};",
+        ", ".join(f"{name} {count}" for name, count in statuses.most_common()),
+        file=sys.stderr,
+    )
+
+
+def _count(text: str) -> int:
+    if not (text.isdecimal() and text.isascii() and int(text) > 0):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1")
+    return int(text)
+
+
+def _top_k(text: str) -> int | None:
+    return None if text == "all" else _count(text)
+
+
+def _share(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0 <= value <= 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 0 to 1")
+    return value

@@ -1,0 +1,27 @@
+"""Files that commands write: found to be writable before any long computation."""
+
+import os
+import tempfile
+from pathlib import Path
+
+from aprjax.cli.errors import CommandError
+
+
+def check_output(path: Path, *inputs: Path) -> None:
+    """Raise `CommandError` unless `path` can be written and is none of the `inputs`."""
+    target = path.resolve()
+    try:
+        if target.is_dir():
+            raise CommandError(f"{path}: is a directory")
+        if target.exists() and not target.is_file():
+            if not os.access(target, os.W_OK):
+                raise CommandError(f"{path}: cannot be written")
+            return
+        for source in inputs:
+            if target.exists() and source.exists() and target.samefile(source):
+                raise CommandError(f"{path}: would overwrite what is read")
+        # Permissions do not tell for the superuser and read-only file systems: try it.
+        with tempfile.TemporaryFile(dir=target.parent):
+            pass
+    except OSError as error:
+        raise CommandError(f"{path}: cannot be written: {error.strerror or error}") from None

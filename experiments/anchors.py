@@ -1,0 +1,234 @@
+"""Figure 1 of the paper on real scans, and how repeatable the anchors are.
+
+    python experiments/anchors.py --out DIR [--quick]
+
+Reads the corrected logs under `logs/` of the folder that the environment variable APRJAX_DATA
+names, else of `../shared/data` beside the repository. Writes `figure1.png`, `repeatability.csv`
+and `scans.csv` into DIR.
+"""
+
+import argparse
+import csv
+import os
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import jax
+import numpy as np
+from matplotlib.figure import Figure
+
+import aprjax
+from aprjax.anchors.candidates import Kind
+from aprjax.anchors.extract import Anchors, ExtractionConfig, choose_anchors
+from aprjax.anchors.segment import segment
+from aprjax.anchors.surface import surface
+from aprjax.io.atomic import atomic_write
+from aprjax.metrics import reappearing
+from aprjax.plot.anchors import draw_anchors
+
+FIGURE = (("freiburg-079", 2270), ("fhw", 60), ("intel", 400))
+LOGS = ("freiburg-079", "intel")
+WITHIN = ((0.5, 20.0), (1.0, 30.0), (2.0, 30.0))  # metres, degrees
+APART = 0.1  # metres at least between the scans of a pair: a robot at rest repeats anything
+CHUNK = 64
+
+
+@dataclass(frozen=True)
+class Described:
+    """The scans of a log with their anchors and true poses."""
+
+    scans: aprjax.Scan
+    """Stacked."""
+    poses: np.ndarray
+    """`(scans, 3)` true laser poses in metres and radians."""
+    anchors: Anchors
+    small: float
+    """Share of the hits on parts that the segmentation removes as small."""
+
+
+@jax.jit
+def _extract(scans: aprjax.Scan, config: ExtractionConfig):
+    def one(scan):
+        segments = segment(scan, config.segment)
+        anchors = choose_anchors(segments, surface(segments, config.surface), config)
+        return anchors, segments.hit & ~segments.large, segments.hit
+
+    return jax.vmap(one)(scans)
+
+
+def read(path: Path, step: int) -> Described:
+    """Every `step`-th scan of a corrected log, whose FLASER poses are the truth."""
+    entries = [entry for i, entry in enumerate(aprjax.read_log(path)) if i % step == 0]
+    scans = aprjax.Scan.stack([entry.scan for entry in entries])
+    count = len(entries)
+    padded = scans.pad_batch(-(-count // CHUNK) * CHUNK)
+    chunks = [
+        jax.tree.map(
+            np.asarray,
+            _extract(
+                jax.tree.map(lambda a: a[start : start + CHUNK], padded),  # noqa: B023
+                ExtractionConfig(),
+            ),
+        )
+        for start in range(0, count, CHUNK)
+    ]
+    anchors, small, hit = jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *chunks)
+    poses = np.array([entry.logged_pose for entry in entries], float)
+    return Described(scans, poses, anchors, float(small.sum() / hit.sum()))
+
+
+def one(log: Described, index: int) -> tuple[aprjax.Scan, Anchors]:
+    """One scan and its anchors."""
+    scan, anchors = jax.tree.map(lambda array: array[index], (log.scans, log.anchors))
+    return scan, anchors
+
+
+def relative(T_w_a: np.ndarray, T_w_b: np.ndarray) -> np.ndarray:
+    """`T_a_b` `(..., 3)` of true poses `T_w_a` `(3,)` and `T_w_b` `(..., 3)`."""
+    dx, dy, turn = np.moveaxis(T_w_b - T_w_a, -1, 0)
+    cos, sin = np.cos(T_w_a[2]), np.sin(T_w_a[2])
+    turn = (turn + np.pi) % (2 * np.pi) - np.pi
+    return np.stack([cos * dx + sin * dy, cos * dy - sin * dx, turn], axis=-1)
+
+
+def in_sight(scan: aprjax.Scan, xy: np.ndarray) -> np.ndarray:
+    """Which points `(points, 2)` lie before the surface that the scan saw in their direction."""
+    bearing = np.arctan2(xy[:, 1], xy[:, 0])
+    step, beams = float(scan.angle_increment), int(scan.beams)
+    beam = np.round((bearing - float(scan.angle_min)) / step).astype(int)
+    ranges = np.where(np.isfinite(scan.ranges), scan.ranges, np.inf)[:beams]
+    inside = (beam >= 0) & (beam < beams)
+    return inside & (ranges[np.clip(beam, 0, beams - 1)] > np.hypot(xy[:, 0], xy[:, 1]))
+
+
+def repeatability_rows(name: str, log: Described, pairs: int, radius: float) -> list[dict]:
+    """One row for each class of pairs: shares of all anchors and of each kind."""
+    rng = np.random.default_rng(0)
+    classes = [np.zeros((2, 1 + len(Kind)), int) for _ in WITHIN]
+    counts = np.zeros(len(WITHIN), int)
+    for a in rng.permutation(len(log.poses)):
+        if counts.min() >= pairs:
+            break
+        T_a_b = relative(log.poses[a], log.poses)
+        distance = np.hypot(T_a_b[:, 0], T_a_b[:, 1])
+        turn = np.degrees(np.abs(T_a_b[:, 2]))
+        near = np.flatnonzero((distance >= APART) & (distance <= WITHIN[-1][0]))
+        scan_a, _ = one(log, a)
+        # A pair of which only b sees a comes up when b is drawn.
+        seen = in_sight(scan_a, T_a_b[near, :2])
+        for k, (most, angle) in enumerate(WITHIN):
+            here = near[seen & (distance[near] <= most) & (turn[near] <= angle)]
+            if counts[k] >= pairs or not len(here):
+                continue
+            b = int(rng.choice(here))
+            # Both ways: what a has is looked for in b, and the other way round.
+            for first, second in ((a, b), (b, a)):
+                _, anchors_1 = one(log, first)
+                scan_2, anchors_2 = one(log, second)
+                T_1_2 = relative(log.poses[first], log.poses[second])
+                masks = reappearing(anchors_1, anchors_2, T_1_2, radius, scan_2)
+                kinds = np.asarray(anchors_1.kind)
+                for row, mask in enumerate(masks):
+                    by_kind = np.bincount(kinds[mask], minlength=len(Kind))
+                    classes[k][row] += np.r_[mask.sum(), by_kind]
+            counts[k] += 1
+    return [
+        {
+            "log": name,
+            "within_m": most,
+            "within_deg": angle,
+            "pairs": int(counts[k]),
+            "anchors": int(classes[k][0, 0]),
+            **{
+                column: round(float(found / counted), 3) if counted else ""
+                for column, counted, found in zip(
+                    ("all", *(kind.name.lower() for kind in Kind)), *classes[k], strict=True
+                )
+            },
+        }
+        for k, (most, angle) in enumerate(WITHIN)
+    ]
+
+
+def scan_row(name: str, log: Described) -> dict:
+    """Anchors per scan, by kind, and the share of hits removed as small."""
+    valid, kinds = np.asarray(log.anchors.valid), np.asarray(log.anchors.kind)
+    return {
+        "log": name,
+        "scans": len(valid),
+        "anchors": round(float(valid.sum(axis=1).mean()), 2),
+        **{
+            kind.name.lower(): round(float((valid & (kinds == kind)).sum(axis=1).mean()), 2)
+            for kind in Kind
+        },
+        "at_capacity": round(float(np.mean(np.asarray(log.anchors.overflow) > 0)), 3),
+        "small_share": round(log.small, 3),
+    }
+
+
+def figure1(examples: list[tuple[str, int, aprjax.Scan, Anchors]], path: Path) -> None:
+    """A row for each example: the scan with its anchors, and the graph."""
+    rows = len(examples)
+    figure = Figure(figsize=(10.5, 5 * rows), layout="constrained")
+    grid = figure.subplots(rows, 2, sharex="row", sharey="row", squeeze=False)
+    for (left, right), (name, index, scan, anchors) in zip(grid, examples, strict=True):
+        draw_anchors(scan, anchors, ax=(left, right))
+        left.set_title(f"{name}, scan {index}: {left.get_title().lower()}", fontsize=10)
+    with atomic_write(path, "wb") as file:
+        figure.savefig(file, format="png", dpi=110)
+
+
+def write_table(rows: list[dict], path: Path) -> None:
+    """The rows as a CSV file, and aligned on standard output."""
+    with atomic_write(path) as file:
+        table = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        table.writeheader()
+        table.writerows(rows)
+    cells = [list(rows[0]), *([str(value) for value in row.values()] for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    for line in cells:
+        print("  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True)))
+    print()
+
+
+def main() -> int:
+    """Make the figure and the tables; the exit status."""
+    parser = argparse.ArgumentParser(description="Figure 1 and the repeatability of anchors.")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--quick", action="store_true", help="fewer scans and pairs")
+    arguments = parser.parse_args()
+
+    beside = Path(__file__).resolve().parents[1].parent / "shared" / "data"
+    data = Path(os.environ.get("APRJAX_DATA") or beside)
+    paths = {name: data / "logs" / f"{name}-corrected.log.gz" for name, _ in FIGURE}
+    for path in paths.values():
+        if not path.is_file():
+            print(
+                f"{path} is not there: set APRJAX_DATA to the folder of the logs", file=sys.stderr
+            )
+            return 1
+    arguments.out.mkdir(parents=True, exist_ok=True)
+
+    examples = []
+    for name, index in FIGURE:
+        scan = next(e.scan for i, e in enumerate(aprjax.read_log(paths[name])) if i == index)
+        stacked = aprjax.Scan.stack([scan]).pad_batch(CHUNK)
+        anchors, _, _ = _extract(stacked, ExtractionConfig())
+        examples.append((name, index, scan, jax.tree.map(lambda array: array[0], anchors)))
+    figure1(examples, arguments.out / "figure1.png")
+
+    repeated, described = [], []
+    for name in LOGS:
+        # Freiburg's log has a scan every 9 cm; a fifth of them leaves pairs enough.
+        step = (5 if name == "freiburg-079" else 1) * (4 if arguments.quick else 1)
+        log = read(paths[name], step)
+        repeated += repeatability_rows(name, log, pairs=100 if arguments.quick else 500, radius=0.1)
+        described.append(scan_row(name, log))
+    write_table(repeated, arguments.out / "repeatability.csv")
+    write_table(described, arguments.out / "scans.csv")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

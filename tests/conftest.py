@@ -1,0 +1,16 @@
+"""Settings and fixtures of the whole test session."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture(scope="session")
+def data() -> Path:
+    """The folder of the public logs: `APRJAX_DATA`, or shared/data beside the repository."""
+    folder = os.environ.get("APRJAX_DATA")
+    root = Path(folder) if folder else Path(__file__).resolve().parents[2] / "shared" / "data"
+    if not (root / "logs").is_dir():
+        pytest.skip(f"no logs folder in {root}; set APRJAX_DATA")
+    return root

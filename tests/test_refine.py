@@ -1,0 +1,166 @@
+import jax
+import numpy as np
+import pytest
+
+from aprjax.references import ReferenceSet
+from aprjax.refine import RefineConfig, refine
+from aprjax.scan import Scan
+from tests.make_logs import _near
+from tests.oracles import evaluation as oracle
+from tests.worlds import free_pose, office, scan_at
+
+PAIRS = 8
+fit = jax.jit(jax.vmap(refine, (0, 0, 0, None)))
+
+
+def view_of(scans):
+    return jax.tree.map(np.asarray, ReferenceSet.build(scans).index.features.view)
+
+
+def row(tree, index):
+    return jax.tree.map(lambda array: array[index], tree)
+
+
+def pairs_of(noise):
+    """Eight scans of an office, eight near them, and their true relative poses."""
+    rng = np.random.default_rng(7)
+    world = office(seed=3)
+    here = [free_pose(world, rng) for _ in range(PAIRS)]
+    there = [_near(world, pose, rng) for pose in here]
+    scans = [scan_at(world, pose, noise=noise, rng=rng) for pose in here + there]
+    views = view_of(scans)
+    T = np.array([oracle.between(a, b) for a, b in zip(here, there, strict=True)])
+    return row(views, slice(0, PAIRS)), row(views, slice(PAIRS, 2 * PAIRS)), T
+
+
+@pytest.fixture(scope="module")
+def exact():
+    return pairs_of(noise=0.0)
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    return pairs_of(noise=0.01)
+
+
+def starts(T, seed):
+    """Poses 0.2 m and 5 degrees off the given ones, to random sides."""
+    rng = np.random.default_rng(seed)
+    side, turn = rng.uniform(-np.pi, np.pi, len(T)), rng.choice([-1, 1], len(T))
+    offsets = np.stack([0.2 * np.cos(side), 0.2 * np.sin(side), np.radians(5) * turn], axis=-1)
+    poses = [oracle.compose(pose, offset) for pose, offset in zip(T, offsets, strict=True)]
+    return np.array(poses, np.float32)
+
+
+def errors(found, T):
+    return np.array([oracle.error(a, b) for a, b in zip(np.asarray(found), T, strict=True)])
+
+
+def test_scans_without_noise_are_aligned_to_two_millimetres_from_two_decimetres_off(exact):
+    first, second, T = exact
+    found = [
+        errors(fit(first, second, starts(T, seed), RefineConfig()).T_ref_query, T)
+        for seed in range(8)
+    ]
+    distance, angle = np.concatenate(found).T
+    right = (distance < 0.002) & (angle < np.radians(0.05))
+    assert right.mean() >= 0.9
+    assert np.all(distance < 0.1)
+
+
+def test_noisy_scans_are_aligned_to_about_a_centimetre(noisy):
+    first, second, T = noisy
+    distance, angle = errors(fit(first, second, starts(T, 0), RefineConfig()).T_ref_query, T).T
+    assert np.all(distance < 0.03)
+    assert np.all(angle < np.radians(0.5))
+
+
+def test_the_true_pose_stays_where_it_is(exact):
+    first, second, T = exact
+    distance, angle = errors(
+        fit(first, second, T.astype(np.float32), RefineConfig()).T_ref_query, T
+    ).T
+    assert np.all(distance < 0.005)
+    assert np.all(angle < np.radians(0.1))
+
+
+def test_points_lie_closer_to_the_surfaces_than_before(noisy):
+    first, second, T = noisy
+    start = starts(T, 3)
+    found = np.asarray(fit(first, second, start, RefineConfig()).T_ref_query)
+    for index in range(0, PAIRS, 2):
+        reference, query = row(first, index), row(second, index)
+        before = oracle.robust_cost(reference, query, start[index], gate=0.3)
+        after = oracle.robust_cost(reference, query, found[index], gate=0.3)
+        assert after < before
+
+
+def test_the_inverse_alignment_is_refined_to_the_inverse_pose(noisy):
+    first, second, T = noisy
+    there = fit(first, second, T.astype(np.float32), RefineConfig())
+    T_back = np.array([oracle.inverse(pose) for pose in T], np.float32)
+    back = fit(second, first, T_back, RefineConfig())
+    expected = [oracle.inverse(pose) for pose in np.asarray(there.T_ref_query)]
+    distance, angle = errors(back.T_ref_query, expected).T
+    assert np.all(distance < 0.03)
+    assert np.all(angle < np.radians(0.5))
+
+
+def test_covariances_are_symmetric_positive_definite_and_small_in_rooms(noisy):
+    first, second, T = noisy
+    covariance = np.asarray(fit(first, second, starts(T, 1), RefineConfig()).covariance, float)
+    assert np.all(np.isfinite(covariance))
+    size = np.abs(covariance).max(axis=(1, 2), keepdims=True)
+    asymmetry = np.abs(covariance - covariance.swapaxes(1, 2))
+    assert np.all(asymmetry <= 1e-5 * size)
+    deviations = np.sqrt(np.linalg.eigvalsh(covariance))
+    assert np.all(deviations > 0)
+    assert np.median(deviations.max(axis=1)) < 0.05
+
+
+def test_covariances_cover_the_errors(noisy):
+    """The mean of squared errors over their covariance is 3 for a perfect estimate of it."""
+    first, second, T = noisy
+    refined = fit(first, second, T.astype(np.float32), RefineConfig())
+    off = np.asarray(refined.T_ref_query) - T
+    off[:, 2] = np.angle(np.exp(1j * off[:, 2]))
+    squared = [
+        error @ np.linalg.solve(covariance, error)
+        for error, covariance in zip(off, np.asarray(refined.covariance, float), strict=True)
+    ]
+    assert np.mean(squared) < 9
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.3, 0.8, 1.2])
+def test_a_corridor_holds_the_pose_across_but_not_along(heading):
+    rng = np.random.default_rng(4)
+    walls = np.array([[[-200, -1.0], [200, -1.0]], [[-200, 1.2], [200, 1.2]]])
+    # Scans that look along the corridor, one way or the other, or at a wall.
+    poses = [np.array([0.0, 0.0, heading + turn]) for turn in (0.0, np.pi / 2, np.pi, 1.9)]
+    moved = [oracle.compose([0.2, 0.05, 0.0], pose) for pose in poses]
+    scans = [scan_at(walls, pose, noise=0.01, rng=rng) for pose in (*poses, *moved)]
+    views = view_of(scans)
+    first, second = (row(views, np.tile(np.arange(k, k + 4), 2)) for k in (0, 4))
+    T = np.array([oracle.between(a, b) for a, b in zip(poses, moved, strict=True)])
+    refined = fit(first, second, np.tile(T, (2, 1)).astype(np.float32), RefineConfig())
+    for pose, covariance in zip(poses, np.asarray(refined.covariance, float)[:4], strict=True):
+        assert np.all(np.linalg.eigvalsh(covariance) > 0)
+        variance, direction = np.linalg.eigh(covariance[:2, :2])
+        along = [np.cos(pose[2]), -np.sin(pose[2])]  # the corridor's direction in the scan's frame
+        assert abs(direction[:, 1] @ along) > 0.99
+        assert np.sqrt(variance[1]) > 10 * np.sqrt(variance[0])
+        assert np.sqrt(variance[1]) > 0.1
+
+
+def test_scans_with_nothing_in_common_stay_where_they_are_put(noisy):
+    first, *_ = noisy
+    nothing = Scan.make(
+        np.full(181, np.nan), angle_min=-np.pi / 2, angle_increment=np.pi / 180, range_max=30.0
+    )
+    empty = row(view_of([nothing]), np.zeros(PAIRS, int))
+    start = np.random.default_rng(0).normal(0, 1, (PAIRS, 3)).astype(np.float32)
+    for reference, query in ((first, empty), (empty, first), (empty, empty)):
+        refined = fit(reference, query, start, RefineConfig())
+        np.testing.assert_allclose(refined.T_ref_query, start, atol=1e-6)
+        assert np.all(np.linalg.eigvalsh(np.asarray(refined.covariance, float)) > 0)
+        assert np.all(np.diagonal(refined.covariance, axis1=1, axis2=2) > 0.1)

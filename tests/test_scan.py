@@ -1,0 +1,244 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from aprjax.scan import Scan
+
+NAN, INF = np.nan, np.inf
+FIELDS = ("ranges", "angle_min", "angle_increment", "range_min", "range_max", "beams")
+LOW, HIGH = np.float32(0.1), np.float32(10.0)
+
+
+@jax.jit
+def derived(scan):
+    """All that a scan tells of its beams."""
+    names = ("hit", "no_return", "real", "full_turn", "bearings", "points")
+    return {name: getattr(scan, name) for name in names}
+
+
+def make(ranges, **changes):
+    fields = {"angle_min": -1.0, "angle_increment": 0.01, "range_min": 0.1, "range_max": 10.0}
+    return Scan.make(ranges, **(fields | changes))
+
+
+@pytest.mark.parametrize(
+    ("value", "meaning"),
+    [
+        (5.0, "hit"),
+        (LOW, "hit"),
+        (HIGH, "hit"),
+        (np.nextafter(LOW, np.float32(0)), "invalid"),
+        (np.nextafter(HIGH, np.float32(99)), "invalid"),
+        (0.0, "invalid"),
+        (-0.0, "invalid"),
+        (-3.0, "invalid"),
+        (10.5, "invalid"),
+        (3e38, "invalid"),
+        (1e39, "invalid"),  # finite, though not in float32
+        (-1e39, "invalid"),
+        (NAN, "invalid"),
+        (-INF, "invalid"),
+        (INF, "no return"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:overflow encountered in cast:RuntimeWarning")
+def test_a_range_means_what_rep_117_says(value, meaning):
+    beam = derived(make([value]))
+    assert bool(beam["hit"][0]) == (meaning == "hit")
+    assert bool(beam["no_return"][0]) == (meaning == "no return")
+    assert np.isfinite(beam["points"]).all()
+
+
+def test_zero_is_a_hit_only_where_the_shortest_range_is_zero():
+    assert bool(make([0.0], range_min=0.0).hit[0])
+    assert not bool(make([-1e-6], range_min=0.0).hit[0])
+
+
+def test_padding_is_neither_hit_nor_free_whatever_it_holds():
+    scan = make([1.0, INF]).pad(4)
+    for fill in (NAN, 1.0, INF):
+        ranges = np.array([1.0, INF, fill, fill], np.float32)
+        other = derived(Scan(ranges, *(getattr(scan, name) for name in FIELDS[1:])))
+        assert other["hit"].tolist() == [True, False, False, False]
+        assert other["no_return"].tolist() == [False, True, False, False]
+        assert other["real"].tolist() == [True, True, False, False]
+
+
+def test_beam_i_looks_along_angle_min_and_i_increments():
+    beams = derived(make(np.full(181, 2.0), angle_min=-np.pi / 2, angle_increment=np.pi / 180))
+    np.testing.assert_allclose(beams["bearings"], np.radians(np.arange(-90, 91)), atol=1e-6)
+    np.testing.assert_allclose(beams["points"][90], [2.0, 0.0], atol=1e-6)
+    np.testing.assert_allclose(beams["points"][180], [0.0, 2.0], atol=1e-6)
+
+
+def test_an_upside_down_scanner_sweeps_clockwise():
+    scan = make([1.0, 1.0], angle_min=0.0, angle_increment=-np.pi / 2)
+    np.testing.assert_allclose(derived(scan)["points"][1], [0.0, -1.0], atol=1e-6)
+
+
+def test_points_of_beams_that_hit_nothing_lie_at_the_origin():
+    points = np.asarray(derived(make([NAN, INF, -INF, 0.0, 11.0, 2.0]))["points"])
+    assert not points[:5].any()
+    assert points[5].any()
+
+
+@pytest.mark.parametrize(
+    ("beams", "degrees", "full"),
+    [
+        (360, 1.0, True),
+        (361, 1.0, True),  # both ends of the turn reported
+        (720, 0.5, True),
+        (360, -1.0, True),
+        (359, 1.0, False),
+        (181, 1.0, False),
+        (4, 90.0, True),
+        (3, 90.0, False),
+        (1, 1.0, False),
+    ],
+)
+def test_a_full_turn_is_known_from_beams_and_increment(beams, degrees, full):
+    assert bool(make(np.ones(beams), angle_increment=np.radians(degrees)).full_turn) == full
+
+
+def test_a_full_turn_does_not_depend_on_padding():
+    scan = make(np.ones(360), angle_increment=np.radians(1))
+    assert bool(scan.pad(500).full_turn)
+
+
+@pytest.mark.parametrize(
+    ("changes", "field", "value"),
+    [
+        ({"ranges": []}, "ranges", "(0,)"),
+        ({"ranges": 3.0}, "ranges", "()"),
+        ({"ranges": np.ones((2, 3))}, "ranges", "(2, 3)"),
+        ({"angle_min": NAN}, "angle_min", "nan"),
+        ({"angle_min": INF}, "angle_min", "inf"),
+        ({"angle_min": -INF}, "angle_min", "-inf"),
+        ({"angle_increment": NAN}, "angle_increment", "nan"),
+        ({"angle_increment": INF}, "angle_increment", "inf"),
+        ({"angle_increment": 0.0}, "angle_increment", "0.0"),
+        ({"angle_increment": 1.0, "ranges": np.ones(8)}, "angle_increment", "1.0"),
+        ({"angle_increment": -1.0, "ranges": np.ones(8)}, "angle_increment", "-1.0"),
+        ({"range_min": NAN}, "range_min", "nan"),
+        ({"range_min": -0.5}, "range_min", "-0.5"),
+        ({"range_min": 10.0}, "range_min", "10.0"),
+        ({"range_min": 12.5}, "range_min", "12.5"),
+        ({"range_max": NAN}, "range_max", "nan"),
+        ({"range_max": INF}, "range_max", "inf"),
+        ({"range_max": 0.05}, "range_max", "0.05"),
+        ({"range_max": 1e39}, "range_max", "1e+39"),  # infinite in float32
+    ],
+)
+@pytest.mark.filterwarnings("ignore:overflow encountered in cast:RuntimeWarning")
+def test_a_bad_argument_is_refused_by_name_and_value(changes, field, value):
+    changes = dict(changes)
+    with pytest.raises(ValueError) as error:
+        make(changes.pop("ranges", [1.0, 2.0]), **changes)
+    assert field in str(error.value)
+    assert value in str(error.value)
+
+
+def test_a_full_turn_with_both_ends_is_accepted():
+    for beams, degrees in ((361, 1.0), (361, -1.0), (1441, 0.25)):
+        assert make(np.ones(beams), angle_increment=np.radians(degrees)).beams == beams
+
+
+def test_ranges_may_be_lists_and_integers():
+    scan = make([1, 2, 3])
+    assert np.asarray(scan.ranges).dtype == np.float32
+    assert np.asarray(scan.hit).all()
+
+
+def test_making_a_scan_puts_nothing_on_a_device():
+    scan = make([1.0, 2.0])
+    assert not any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(scan))
+
+
+def test_padding_changes_no_beam():
+    scan = make([1.0, NAN, INF, 4.0])
+    padded = scan.pad(7)
+    assert padded.ranges.shape == (7,)
+    assert padded.beams == 4
+    before, after = derived(scan), derived(padded)
+    for name in ("hit", "no_return", "bearings", "points"):
+        np.testing.assert_array_equal(after[name][:4], before[name])
+    assert np.isfinite(after["points"]).all()
+
+
+def test_padding_to_fewer_slots_is_refused():
+    with pytest.raises(ValueError, match=r"slots: 3 .* 4"):
+        make([1.0] * 4).pad(3)
+
+
+def test_a_stack_holds_scans_of_any_beam_counts():
+    rng = np.random.default_rng(0)
+    scans = [
+        make(rng.uniform(0, 12, beams), angle_increment=1e-3 * (i + 1), angle_min=0.1 * i)
+        for i, beams in enumerate([1, 2, 181, 361, 100])
+    ]
+    batch = Scan.stack(scans)
+    assert batch.ranges.shape[0] == 5
+    assert batch.ranges.shape[1] >= 361
+    together = derived(batch)
+    for i, scan in enumerate(scans):
+        beams, alone = int(scan.beams), derived(scan)
+        assert batch.beams[i] == beams
+        np.testing.assert_array_equal(together["hit"][i, :beams], alone["hit"])
+        assert not together["hit"][i, beams:].any()
+        np.testing.assert_allclose(together["points"][i, :beams], alone["points"], atol=1e-6)
+
+
+def test_a_stack_takes_the_slots_it_is_told():
+    assert Scan.stack([make([1.0]), make([1.0, 2.0])], slots=5).ranges.shape == (2, 5)
+    with pytest.raises(ValueError, match="slots: 1 "):
+        Scan.stack([make([1.0]), make([1.0, 2.0])], slots=1)
+
+
+def test_an_empty_stack_is_refused():
+    with pytest.raises(ValueError, match="scans"):
+        Scan.stack([])
+
+
+def test_a_batch_within_a_stack_is_refused_by_its_index():
+    with pytest.raises(ValueError, match=r"scans\[1\].*\(2, 64\)"):
+        Scan.stack([make([1.0]), Scan.stack([make([1.0]), make([2.0])])])
+
+
+def test_a_padded_batch_has_scans_without_beams_at_its_end():
+    batch = Scan.stack([make([1.0, 2.0]), make([3.0, INF])])
+    padded = batch.pad_batch(4)
+    assert np.asarray(padded.beams).tolist() == [2, 2, 0, 0]
+    for name in FIELDS:
+        np.testing.assert_array_equal(getattr(padded, name)[:2], getattr(batch, name))
+    beams = derived(padded)
+    for name in ("hit", "no_return", "real", "full_turn", "points"):
+        assert not beams[name][2:].any()
+    assert np.isfinite(beams["bearings"]).all()
+    np.testing.assert_array_equal(batch.pad_batch(2).ranges, batch.ranges)
+
+
+def test_padding_a_batch_to_fewer_scans_is_refused():
+    batch = Scan.stack([make([1.0]), make([2.0])])
+    with pytest.raises(ValueError, match="size: 1 "):
+        batch.pad_batch(1)
+
+
+def test_a_batch_means_what_its_scans_mean_under_vmap():
+    batch = Scan.stack([make([1.0, INF, 20.0]), make([NAN, 2.0]), make([3.0])])
+    each, whole = jax.vmap(derived)(batch), derived(batch)
+    for name, values in each.items():
+        np.testing.assert_allclose(values, whole[name], atol=1e-7)
+
+
+def test_points_have_finite_gradients_where_ranges_are_bad():
+    scan = jax.tree.map(jnp.asarray, make([1.0, NAN, INF, -INF, 0.0, 20.0]))
+
+    def total(ranges):
+        fields = [getattr(scan, name) for name in FIELDS[1:]]
+        return jnp.sum(Scan(ranges, *fields).points)
+
+    slope = np.asarray(jax.jit(jax.grad(total))(scan.ranges))
+    assert np.isfinite(slope).all()
+    assert slope[0] != 0
+    assert not slope[1:].any()
