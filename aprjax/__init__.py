@@ -4,6 +4,9 @@ from aprjax.features import FeatureConfig as FeatureConfig
 from aprjax.io.carmen import LogEntry as LogEntry
 from aprjax.io.carmen import LogError as LogError
 from aprjax.io.carmen import read_log as read_log
+from aprjax.io.reference_file import ReferenceFileError as ReferenceFileError
+from aprjax.io.reference_file import load_references as load_references
+from aprjax.io.reference_file import save_references as save_references
 from aprjax.matcher import MatchConfig as MatchConfig
 from aprjax.matcher import MatchResult as MatchResult
 from aprjax.matcher import match as match

@@ -21,7 +21,10 @@ def threshold(default: float, doc: str) -> Any:
     """
 
     def convert(value: Any) -> Any:
-        return value if isinstance(value, jax.Array) else np.asarray(value, np.float32)
+        # A weakly typed array would trace anew, so JAX's arrays are pinned too.
+        if isinstance(value, jax.Array):
+            return jax.lax.convert_element_type(value, np.float32)
+        return np.asarray(value, np.float32)
 
     return eqx.field(default=default, converter=convert, metadata={"doc": doc})
 
@@ -55,6 +58,10 @@ def from_dict(kind: type[_Config], values: dict[str, Any]) -> _Config:
 
     def read(name: str, value: Any) -> Any:
         default: Any = fields[name].default
+        if isinstance(value, dict) != isinstance(default, eqx.Module):
+            raise ValueError(
+                f"{kind.__name__}.{name}: {value!r} does not fit its default {default!r}"
+            )
         return from_dict(type(default), value) if isinstance(value, dict) else value
 
     return kind(**{name: read(name, value) for name, value in values.items()})

@@ -40,7 +40,7 @@ class MatchConfig(eqx.Module):
     rival: Float[Array, ""] = threshold(0.9, "share of the best e_m that makes a rival")
     top_k: int | None = eqx.field(default=None, static=True)
     """References aligned, those with the highest q_m; all of them by default."""
-    kept: int | None = eqx.field(default=24, static=True)
+    kept: int | None = eqx.field(default=20, static=True)
     """Alternatives that pass the screen, over all references; `None` is all (no cascade)."""
     hypotheses: int = capacity(5, "K, the most hypotheses of a query")
     chunk: int = capacity(16, "queries worked on at a time, which bounds the memory")

@@ -1,10 +1,16 @@
 """How well anchors and matches do, in NumPy."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from aprjax.anchors.candidates import Kind
 from aprjax.anchors.extract import Anchors
+from aprjax.matcher import MatchResult
 from aprjax.scan import Scan
+
+RIGHT_DISTANCE, RIGHT_ANGLE = 0.5, np.radians(10)
+"""A hypothesis is right within these of the true pose, in metres and radians."""
 
 
 def repeatability(
@@ -65,3 +71,71 @@ def _visible(xy: np.ndarray, scan: Scan, margin: float = 0.2) -> np.ndarray:
     three = three % beams if bool(scan.full_turn) else np.clip(three, 0, beams - 1)
     open_ = np.any(ends[three] > distance[:, None] - margin, axis=1)
     return (nearest < beams) & (distance <= float(scan.range_max)) & open_
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Shares of the mapped queries, those taken where some reference was."""
+
+    top1: float
+    """The best hypothesis is right."""
+    oracle: float
+    """Some hypothesis is right."""
+    hits: float
+    """Right best hypotheses that the most generous threshold on e_m accepts with at most one
+    wrong, or one in 500."""
+    error_m: float
+    """Median distance of the right best hypotheses from the truth."""
+    error_deg: float
+
+
+def score_matches(
+    result: MatchResult,
+    ids: np.ndarray,
+    T_world_ref: np.ndarray,
+    T_world_query: np.ndarray,
+    mapped: np.ndarray,
+) -> Scores:
+    """Score batched results against true poses `(references, 3)` and `(queries, 3)`.
+
+    `ids` `(references,)` are the references' ids, ascending, in the order of their poses;
+    `mapped` `(queries,)` says which queries can be matched. A right answer to a query that is not
+    mapped counts neither way; a wrong one is wrong wherever the query was taken. NaN where there
+    is nothing to take a share of.
+    """
+    valid = np.asarray(result.valid)
+    row = np.minimum(np.searchsorted(ids, np.asarray(result.reference)), len(ids) - 1)
+    T_ref_query, ref = np.asarray(result.T_ref_query, float), T_world_ref[row]
+    cos, sin = np.cos(ref[..., 2]), np.sin(ref[..., 2])
+    x, y, theta = np.moveaxis(T_ref_query, -1, 0)
+    gap = np.hypot(
+        ref[..., 0] + cos * x - sin * y - T_world_query[:, None, 0],
+        ref[..., 1] + sin * x + cos * y - T_world_query[:, None, 1],
+    )
+    turn = ref[..., 2] + theta - T_world_query[:, None, 2]
+    turn = np.abs((turn + np.pi) % (2 * np.pi) - np.pi)
+    right = valid & (gap < RIGHT_DISTANCE) & (turn < RIGHT_ANGLE)
+    best = right[:, 0]
+    accepted = _accepted(
+        np.asarray(result.quality)[:, 0], best & mapped, valid[:, 0] & ~best, valid[:, 0]
+    )
+    count = np.sum(mapped)
+    with np.errstate(invalid="ignore"):
+        return Scores(
+            top1=float(np.sum(best & mapped) / count),
+            oracle=float(np.sum(right.any(axis=1) & mapped) / count),
+            hits=float(accepted / count),
+            error_m=float(np.median(gap[best, 0])) if best.any() else float("nan"),
+            error_deg=float(np.degrees(np.median(turn[best, 0]))) if best.any() else float("nan"),
+        )
+
+
+def _accepted(quality: np.ndarray, right: np.ndarray, wrong: np.ndarray, valid: np.ndarray) -> int:
+    """Most right ones above a threshold with at most max(1, 0.2 % of the accepted) wrong."""
+    order = np.argsort(-quality[valid], kind="stable")
+    quality, right = quality[valid][order], np.cumsum(right[valid][order])
+    wrong = np.cumsum(wrong[valid][order])
+    # A threshold takes equal qualities together.
+    last = np.r_[quality[1:] != quality[:-1], True][: len(quality)]
+    allowed = last & (wrong <= np.maximum(1, 0.002 * (right + wrong)))
+    return int(right[np.flatnonzero(allowed)[-1]]) if allowed.any() else 0

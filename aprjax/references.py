@@ -6,7 +6,6 @@ from typing import Self
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
@@ -114,47 +113,48 @@ class ReferenceSet:
                 raise ValueError(f"ids[{position}]: no reference has id {value}")
         keep = ~np.isin(self.ids, gone)
         return type(self)(
-            scans=jax.tree.map(lambda array: array[keep], self.scans),
+            scans=_rows(self.scans, keep),
             ids=self.ids[keep],
             next_id=self.next_id,
-            index=_index(
-                jax.tree.map(lambda array: array[keep], self._features()),
-                self.ids[keep],
-                self.index.config,
-            ),
+            index=_index(_rows(self._features(), keep), self.ids[keep], self.index.config),
         )
 
     def _features(self) -> Features:
-        """The features without padding."""
-        return jax.tree.map(lambda array: array[: len(self.ids)], self.index.features)
+        """The features without padding, on the host."""
+        return _rows(self.index.features, slice(len(self.ids)))
 
 
 def _described(scans: Scan, config: FeatureConfig) -> Features:
-    """Features of stacked scans, in chunks of one shape so that one compilation serves all."""
+    """Features of stacked scans, on the host.
+
+    Chunks of one shape, so that one compilation serves all, put together by NumPy: eager jax
+    operations would compile for every number of scans.
+    """
     count = scans.ranges.shape[0]
-    padded = scans.pad_batch(-(-count // _CHUNK) * _CHUNK)
+    padded = scans.pad_batch(max(-(-count // _CHUNK), 1) * _CHUNK)
     chunks = [
-        _describe_chunk(jax.tree.map(lambda array: array[start : start + _CHUNK], padded), config)  # noqa: B023
-        for start in range(0, count, _CHUNK)
+        _describe_chunk(_rows(padded, slice(start, start + _CHUNK)), config)
+        for start in range(0, max(count, 1), _CHUNK)
     ]
-    return jax.tree.map(lambda *arrays: jnp.concatenate(arrays)[:count], *chunks)
+    return jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *chunks)
+
+
+def _rows(stacked, rows):
+    """Some rows of stacked scans or features, on the host."""
+    return jax.tree.map(lambda array: np.asarray(array)[rows], stacked)
 
 
 def _joined(first, second):
-    """Two stacks of scans or features, one after the other."""
-    return jax.tree.map(
-        lambda a, b: (jnp if isinstance(a, jax.Array) else np).concatenate([a, b]), first, second
-    )
+    """Two stacks of scans or features on the host, one after the other."""
+    return jax.tree.map(lambda a, b: np.concatenate([a, b]), first, second)
 
 
 def _index(features: Features, ids: np.ndarray, config: FeatureConfig) -> ReferenceIndex:
     """The index of unpadded features."""
     missing = bucket(max(len(ids), 1)) - len(ids)
 
-    def pad(array: Array) -> Array:
-        return jnp.pad(array, [(0, missing)] + [(0, 0)] * (array.ndim - 1))
+    def pad(array: np.ndarray, fill: int = 0) -> Array:
+        width = [(0, missing)] + [(0, 0)] * (array.ndim - 1)
+        return jax.device_put(np.pad(array, width, constant_values=fill))
 
-    padded = jax.tree.map(pad, features)
-    return ReferenceIndex(
-        padded, jnp.pad(jnp.asarray(ids), (0, missing), constant_values=-1), config
-    )
+    return ReferenceIndex(jax.tree.map(pad, features), pad(ids, fill=-1), config)

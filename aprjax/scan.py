@@ -55,7 +55,11 @@ class Scan(eqx.Module):
         cover more than a full turn, or unless `0 <= range_min < range_max`. No range value is
         refused: what is not a hit and not +inf is invalid.
         """
-        values = np.asarray(ranges, np.float32)
+        given = np.asarray(ranges)
+        with np.errstate(over="ignore"):
+            values = given.astype(np.float32)
+        # A finite value that float32 cannot hold is invalid, not free.
+        values[np.isinf(values) & np.isfinite(given)] = np.nan
         if values.ndim != 1 or values.size == 0:
             raise ValueError(f"ranges: shape {values.shape} is not (beams,) with at least one beam")
         for name, value in (
@@ -64,8 +68,8 @@ class Scan(eqx.Module):
             ("range_min", range_min),
             ("range_max", range_max),
         ):
-            if not np.isfinite(value):
-                raise ValueError(f"{name}: {value} is not finite")
+            if not abs(value) <= np.finfo(np.float32).max:
+                raise ValueError(f"{name}: {value} is not finite in float32")
         # One beam may repeat: some drivers report both ends of the turn.
         if angle_increment == 0 or abs(angle_increment) * (values.size - 1) > 2 * np.pi * 1.001:
             raise ValueError(
@@ -136,6 +140,8 @@ class Scan(eqx.Module):
     def pad_batch(self, size: int) -> Self:
         """A batch padded on the host to `size` scans; the added ones have no beams."""
         missing = size - np.shape(self.ranges)[0]
+        if missing < 0:
+            raise ValueError(f"size: {size} is fewer than the {np.shape(self.ranges)[0]} there are")
 
         def pad(array: Array, fill: float) -> np.ndarray:
             width = [(0, missing)] + [(0, 0)] * (np.ndim(array) - 1)

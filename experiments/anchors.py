@@ -27,7 +27,7 @@ from aprjax.io.atomic import atomic_write
 from aprjax.metrics import reappearing
 from aprjax.plot.anchors import draw_anchors
 
-FIGURE = (("freiburg-079", 2270), ("fhw", 60), ("intel", 400))
+FIGURE = (("freiburg-079", 117), ("fhw", 54), ("intel", 364))
 LOGS = ("freiburg-079", "intel")
 WITHIN = ((0.5, 20.0), (1.0, 30.0), (2.0, 30.0))  # metres, degrees
 APART = 0.1  # metres at least between the scans of a pair: a robot at rest repeats anything
@@ -139,7 +139,7 @@ def repeatability_rows(name: str, log: Described, pairs: int, radius: float) -> 
             "within_m": most,
             "within_deg": angle,
             "pairs": int(counts[k]),
-            "anchors": int(classes[k][0, 0]),
+            "counted": int(classes[k][0, 0]),
             **{
                 column: round(float(found / counted), 3) if counted else ""
                 for column, counted, found in zip(

@@ -13,10 +13,31 @@ PACKAGE = ROOT / "aprjax"
 
 # The entries of aprjax in their order; `aprjax` itself, the public names, is for the command
 # line alone.
-ORDER = """
-    configuration numerics se2 status scan sim anchors relations alignment evaluation refine
-    features references matcher sweep metrics io places world tracking plot aprjax cli
-""".split()
+ORDER = [
+    "configuration",
+    "numerics",
+    "se2",
+    "status",
+    "scan",
+    "sim",
+    "anchors",
+    "relations",
+    "alignment",
+    "evaluation",
+    "refine",
+    "features",
+    "references",
+    "matcher",
+    "sweep",
+    "metrics",
+    "io",
+    "places",
+    "world",
+    "tracking",
+    "plot",
+    "aprjax",
+    "cli",
+]
 MODULES = sorted(path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py")
 
 

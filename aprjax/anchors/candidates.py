@@ -36,7 +36,7 @@ class Candidates(eqx.Module):
         """The `size` most salient, any two at least `apart` metres from each other.
 
         A candidate nearer than that to a more salient one is the same point seen twice. Also
-        returns how many distinct points did not fit, counted as far as one more round would.
+        returns how many distinct points did not fit, counted up to `size`.
         """
 
         def choose(left, _):
@@ -44,6 +44,7 @@ class Candidates(eqx.Module):
             gap = self.xy - self.xy[pick]
             return left & (jnp.sum(gap * gap, axis=-1) >= apart**2), (pick, left[pick])
 
-        left, (chosen, valid) = jax.lax.scan(choose, self.valid, length=size)
-        picked = jax.tree.map(lambda array: array[chosen], self)
-        return eqx.tree_at(lambda c: c.valid, picked, valid), jnp.sum(left)
+        _, (chosen, valid) = jax.lax.scan(choose, self.valid, length=2 * size)
+        picked = jax.tree.map(lambda array: array[chosen[:size]], self)
+        overflow = jnp.sum(valid[size:], dtype=jnp.int32)
+        return eqx.tree_at(lambda c: c.valid, picked, valid[:size]), overflow

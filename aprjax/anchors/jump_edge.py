@@ -36,9 +36,19 @@ def jump_edges(segments: Segments, config: JumpEdgeConfig) -> Candidates:
 def _ends(segments, beyond, ends, room, inward, config) -> Candidates:
     index = jnp.arange(segments.xy.shape[0])
     far = segments.range[beyond]
-    jump = jnp.where(jnp.isinf(far), 10.0, far - segments.range)
+    far = jnp.where(jnp.isinf(far), segments.range_max, far)
+    # A surface that goes on straight meets equally spaced beams at equally spaced 1 / range: at
+    # grazing incidence the range grows without any discontinuity.
+    one = index + inward * jnp.minimum(room, 1)
+    course = 2 * segments.range[one] - segments.range
+    goes_on = jnp.where(
+        course > 0,
+        segments.range * segments.range[one] / jnp.where(course > 0, course, 1.0),
+        jnp.inf,
+    )
+    jump = jnp.where(segments.hit, far - jnp.maximum(goes_on, segments.range), 0.0)
     needed = config.jump + config.relative * segments.range
-    inner = segments.xy[index + inward * jnp.minimum(room, 1)]
+    inner = segments.xy[one]
     step = segments.xy - inner
     # At grazing incidence the last spacing is long and tells little: move 0.1 m at most.
     length = safe_norm(step)

@@ -48,6 +48,8 @@ class Segments(eqx.Module):
     """Entry of the neighbouring beam; the entry itself at the end of the field of view."""
     next: Int[Array, " slots"]
     """Likewise on the other side."""
+    range_max: Float[Array, ""]
+    """Metres that a beam without return is known to be free."""
     angle_min: Float[Array, ""]
     """Bearing of the first entry in radians."""
 
@@ -66,9 +68,9 @@ def segment(scan: Scan, config: SegmentConfig) -> Segments:
     has_next = scan.real & ((index + 1 < scan.beams) | scan.full_turn)
     linked = _linked(scan.points, scan.hit, apart, wrapped) & has_next
 
-    # Unroll after the first break; a closed room has none, and is cut at its nearest point,
-    # which lies on a face and never at a corner.
-    nearest = jnp.argmin(jnp.where(scan.hit, scan.ranges, jnp.inf))
+    # Unroll after the first break; a closed room has none, and is cut where the surface is
+    # straightest over a few beams to each side: on a face, not at a corner.
+    nearest = _straightest(scan)
     first = jnp.where(
         jnp.all(linked | ~scan.real), nearest, wrapped[jnp.argmax(~linked & scan.real)]
     )
@@ -96,8 +98,21 @@ def segment(scan: Scan, config: SegmentConfig) -> Segments:
         large=hit & enough,
         previous=jnp.where(index > 0, index - 1, last),
         next=jnp.where(index + 1 < scan.beams, index + 1, jnp.where(scan.full_turn, 0, index)),
+        range_max=scan.range_max,
         angle_min=scan.angle_min + beam[0] * scan.angle_increment,
     )
+
+
+def _straightest(scan: Scan) -> Int[Array, ""]:
+    """The hit of a full turn beside which its neighbours bend least."""
+    beams = jnp.maximum(scan.beams, 1)
+    index = jnp.arange(scan.ranges.shape[-1])
+    reach = beams // 36
+    ahead = scan.points[(index + reach) % beams] - scan.points
+    behind = scan.points - scan.points[(index - reach) % beams]
+    cross = ahead[:, 0] * behind[:, 1] - ahead[:, 1] * behind[:, 0]
+    bend = jnp.abs(cross) / jnp.maximum(safe_norm(ahead) * safe_norm(behind), 1e-6)
+    return jnp.argmin(jnp.where(scan.hit, bend, jnp.inf))
 
 
 def _spacing(scan: Scan, config: SegmentConfig) -> Float[Array, ""]:

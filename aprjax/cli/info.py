@@ -1,6 +1,7 @@
 """`aprjax info`: what a file is and what it holds."""
 
 import argparse
+import functools
 import json
 import math
 from pathlib import Path
@@ -99,16 +100,24 @@ def _span(values: list[Any], digits: int | None = None) -> Any:
 
 def _mean_anchors(scans: list["Scan"]) -> float:
     """Mean number of anchors of a few scans, evenly spread."""
-    import jax
     import numpy as np
 
-    from aprjax.anchors.extract import ExtractionConfig, extract
+    from aprjax.anchors.extract import ExtractionConfig
     from aprjax.scan import Scan
 
     count = min(len(scans), _SAMPLE)
     sample = Scan.stack([scans[i * len(scans) // count] for i in range(count)])
-    found = jax.jit(jax.vmap(extract, (0, None)))(sample.pad_batch(_SAMPLE), ExtractionConfig())
+    found = _extractor()(sample.pad_batch(_SAMPLE), ExtractionConfig())
     return round(float(np.sum(found.valid)) / count, 2)
+
+
+@functools.cache
+def _extractor() -> Any:
+    import jax
+
+    from aprjax.anchors.extract import extract
+
+    return jax.jit(jax.vmap(extract, (0, None)))
 
 
 def _reference_facts(path: Path) -> dict[str, Any]:

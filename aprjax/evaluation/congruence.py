@@ -25,7 +25,7 @@ class CongruenceConfig(eqx.Module):
 
     tolerance: Float[Array, ""] = threshold(0.08, "metres between real and synthetic range")
     relative: Float[Array, ""] = threshold(0.015, "the same, per metre of range")
-    beams: int = capacity(192, "about how many beams of the front scan are compared")
+    beams: int = capacity(128, "about how many beams of the front scan are compared")
     quality: QualityConfig = QualityConfig()
 
 

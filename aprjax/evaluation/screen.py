@@ -22,7 +22,7 @@ class ScreenConfig(eqx.Module):
     tolerance: Float[Array, ""] = threshold(0.15, "metres off the other scan's range")
     relative: Float[Array, ""] = threshold(0.02, "the same, per metre of range")
     quality: QualityConfig = QualityConfig()
-    points: int = capacity(64, "about how many end points of each scan")
+    points: int = capacity(48, "about how many end points of each scan")
 
 
 def screen(

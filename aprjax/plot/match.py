@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from aprjax.evaluation.congruence import sees
 from aprjax.evaluation.synthetic_scan import synthetic_scan
 from aprjax.evaluation.view import View
-from aprjax.features import FeatureConfig, describe
+from aprjax.features import FeatureConfig
 from aprjax.plot.style import (
     add_legend,
     draw_anchors_by_kind,
@@ -18,12 +18,11 @@ from aprjax.plot.style import (
     figure_of,
     prepare,
 )
+from aprjax.references import ReferenceSet
 from aprjax.scan import Scan
 from aprjax.se2 import Pose, inverse, transform
 
 _REFERENCE, _QUERY, _SYNTHETIC = "#777777", "#d9480f", "#2b8cbe"
-
-_describe = jax.jit(describe)
 
 
 def draw_match(
@@ -42,13 +41,14 @@ def draw_match(
     both or neither do, the reference's. `config` says how the scans are described, and `ax`
     defaults to the axes of a new figure. Returns the figure, which belongs to no window.
     """
-    config = FeatureConfig() if config is None else config
     T_ref_query = jnp.asarray(T_ref_query, jnp.float32)
-    reference, query = (_describe(scan, config) for scan in (reference_scan, query_scan))
-    ax = Figure(figsize=(8, 6.5), layout="constrained").add_subplot() if ax is None else ax
-    prepare(ax)
+    # As a set of two, so that what was compiled for matching serves here too.
+    both = ReferenceSet.build([reference_scan, query_scan], config).index.features
+    reference, query = (jax.tree.map(lambda array: array[i], both) for i in (0, 1))  # noqa: B023
     xy_reference = np.asarray(reference.view.xy)[np.asarray(reference.view.hit)]
     xy_query = np.asarray(transform(T_ref_query, query.view.xy))[np.asarray(query.view.hit)]
+    ax = _new_axes(np.concatenate([xy_reference, xy_query])) if ax is None else ax
+    prepare(ax)
     draw_points(ax, xy_reference, _REFERENCE, "reference", size=10)
     synthetic, source = _synthetic(reference.view, query.view, T_ref_query)
     ax.scatter(
@@ -72,6 +72,13 @@ def draw_match(
     return figure_of(ax)
 
 
+def _new_axes(xy: np.ndarray) -> Axes:
+    """Axes of a new figure as high as it takes to show the points `(points, 2)` 7 inches wide."""
+    width, height = np.ptp(xy, axis=0) if len(xy) else (1.0, 1.0)
+    inches = float(np.clip(7.0 * (height + 1.0) / (width + 1.0), 2.0, 8.0))
+    return Figure(figsize=(8.0, inches + 1.5), layout="constrained").add_subplot()
+
+
 def _synthetic(reference: View, query: View, T_ref_query: Pose) -> tuple[np.ndarray, str]:
     """Points `(points, 2)` of the synthetic scan in the reference's frame, and whose scan it is."""
     T_query_ref = inverse(T_ref_query)
@@ -84,6 +91,7 @@ def _synthetic(reference: View, query: View, T_ref_query: Pose) -> tuple[np.ndar
 
 def _points(inverse_range: jax.Array, front: View) -> np.ndarray:
     """The points of a synthetic scan in the frame of the front scan."""
-    known = np.asarray(inverse_range) > 0
+    real = np.arange(front.xy.shape[0]) < int(front.beams)
+    known = real & (np.asarray(inverse_range) > 0)
     ranges, bearings = 1.0 / np.asarray(inverse_range)[known], np.asarray(front.bearings)[known]
     return ranges[:, None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)

@@ -5,6 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.markers import MarkerStyle
 from matplotlib.path import Path
+from matplotlib.transforms import offset_copy
 
 from aprjax.anchors.candidates import Kind
 from aprjax.anchors.extract import Anchors
@@ -36,7 +37,7 @@ def figure_of(ax: Axes) -> Figure:
     return figure
 
 
-def draw_points(ax: Axes, xy: np.ndarray, colour: str, label: str, size: float = 4.0) -> None:
+def draw_points(ax: Axes, xy: np.ndarray, colour: str, label: str, size: float = 6.0) -> None:
     """Scan points `(points, 2)` in metres."""
     ax.scatter(xy[:, 0], xy[:, 1], s=size, c=colour, linewidths=0, label=label, zorder=2)
 
@@ -59,8 +60,10 @@ def frame(ax: Axes, *points: np.ndarray, margin: float = 0.5) -> None:
 
 
 def add_legend(ax: Axes) -> None:
-    """A legend below the axes, where it hides nothing."""
-    ax.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=3, frameon=False)
+    """A legend below the axes and their label, where it hides nothing."""
+    below = offset_copy(ax.transAxes, figure_of(ax), y=-32, units="points")
+    place = {"bbox_to_anchor": (0.5, 0), "bbox_transform": below}
+    ax.legend(fontsize=8, loc="upper center", ncols=3, frameon=False, **place)
 
 
 def draw_anchors_by_kind(

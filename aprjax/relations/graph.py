@@ -32,11 +32,12 @@ class AnchorGraph(eqx.Module):
 
 def anchor_graph(anchors: Anchors) -> AnchorGraph:
     """The complete graph over the valid anchors of one scan."""
-    gap = anchors.xy[None, :, :] - anchors.xy[:, None, :]
+    xy = jnp.where(anchors.valid[:, None], anchors.xy, 0.0)
+    gap = xy[None, :, :] - xy[:, None, :]
     length = safe_norm(gap)
     valid = anchors.valid[:, None] & anchors.valid[None, :] & (length > 0)
     return AnchorGraph(
-        xy=anchors.xy,
+        xy=xy,
         length=jnp.where(valid, length, 0.0),
         unit=jnp.where(valid[..., None], gap / jnp.where(valid, length, 1.0)[..., None], 0.0),
         valid=valid,

@@ -48,7 +48,7 @@ def strongest(candidates, near, reach=0.3):
 @pytest.mark.parametrize("opening", np.radians([60, 90, 120, 140]))
 @pytest.mark.parametrize("sense", ["convex", "concave"])
 @pytest.mark.parametrize("seed", range(2))
-def test_a_noise_free_corner_is_found_to_less_than_a_beams_spacing(
+def test_a_noise_free_corner_is_found_to_a_tenth_of_a_beams_spacing(
     extraction, opening, sense, seed
 ):
     """Two faces of 1.5 m, the corner 2 to 3 m away and towards the scanner or off it."""
@@ -64,17 +64,17 @@ def test_a_noise_free_corner_is_found_to_less_than_a_beams_spacing(
     world, pose = polyline(ends[0], corner, ends[1]), (0.0, 0.0, rng.uniform(-3, 3))
     found = extraction(turn_at(world, pose)).angles
     place = seen_from(pose, corner)
-    assert np.linalg.norm(strongest(found, place) - place) < distance * SPACING
+    assert np.linalg.norm(strongest(found, place) - place) < 0.1 * distance * SPACING
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_corners_of_a_room_are_found_to_less_than_a_beams_spacing(extraction, seed):
+def test_the_corners_of_a_room_are_found_to_a_tenth_of_a_beams_spacing(extraction, seed):
     rng = np.random.default_rng(seed)
     pose = np.array([*rng.uniform(-1, 1, 2), rng.uniform(-3, 3)])
     found = extraction(turn_at(room(6, 5), pose)).angles
     for corner in seen_from(pose, room(6, 5)[:, 0]):
         reach = np.linalg.norm(corner)
-        assert np.linalg.norm(strongest(found, corner) - corner) < reach * SPACING
+        assert np.linalg.norm(strongest(found, corner) - corner) < 0.1 * reach * SPACING
 
 
 def test_a_straight_wall_has_no_angle(extraction):

@@ -95,11 +95,20 @@ def test_a_wall_cut_off_by_a_nearer_object_has_none(extraction):
 def test_a_wall_that_leaves_the_range_limit_has_none(extraction):
     """No return says that the beam is free up to the limit, and there the wall may go on."""
     wall = polyline((1, -40), (1, 40))
-    for limit in (4.0, 8.0, 30.0):
-        for beams in (181, 361):
-            scan = scan_at(wall, ORIGIN, beams, range_max=limit)
-            assert np.isinf(scan.ranges).any()
-            assert not extraction(scan).jump_edges.valid.any(), (limit, beams)
+    for beams in (181, 361):
+        scan = scan_at(wall, ORIGIN, beams, range_max=4.0)
+        assert np.isinf(scan.ranges).any()
+        assert not extraction(scan).jump_edges.valid.any()
+
+
+@pytest.mark.parametrize("beams", [181, 361])
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_an_endless_corridor_has_none(extraction, beams, noise):
+    """Far ahead the hits on its walls lie metres apart, without any discontinuity."""
+    walls = np.concatenate([polyline((-90, y), (90, y)) for y in (-1, 1)])
+    pose, rng = np.array([0.0, 0.1, 0.1]), np.random.default_rng(0)
+    stages = extraction(scan_at(walls, pose, beams, noise=noise, rng=rng, range_max=80.0))
+    assert not stages.jump_edges.valid.any()
 
 
 @pytest.mark.parametrize("value", [np.nan, -np.inf, 0.0, -1.0, 31.0])

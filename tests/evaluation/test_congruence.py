@@ -20,6 +20,7 @@ from tests.worlds import cast, free_pose, office, scan_at
 
 PAIRS = 8
 ANCHORS = 6
+EVERY_BEAM = CongruenceConfig(beams=192)
 
 
 @jax.jit
@@ -34,6 +35,14 @@ def compare(reference, query, T_ref_query):
     e_m = quality(ahead, back, *seen, anchors, config.quality)
     rough = screen(reference, query, T_ref_query, anchors, ScreenConfig())
     return ahead, back, seen, e_m, rough
+
+
+@jax.jit
+@jax.vmap
+def compare_every_beam(reference, query, T_ref_query):
+    """Both verdicts, of all beams."""
+    ahead = congruence(reference, query, inverse(T_ref_query), EVERY_BEAM)
+    return ahead, congruence(query, reference, T_ref_query, EVERY_BEAM)
 
 
 def view_of(scans):
@@ -74,12 +83,15 @@ def pairs():
 def test_verdicts_are_counted_as_beam_by_beam(pairs, offset):
     first, second, T = pairs
     T = moved(T, offset)
-    ahead, back, *_ = compare(first, second, T)
+    ahead, back = compare_every_beam(first, second, T)
     for index in range(0, PAIRS, 3):
         a, b = row(first, index), row(second, index)
         for got, expected in (
-            (row(ahead, index), oracle.verdicts(a, b, oracle.inverse(T[index]), CongruenceConfig())),
-            (row(back, index), oracle.verdicts(b, a, T[index], CongruenceConfig())),
+            (
+                row(ahead, index),
+                oracle.verdicts(a, b, oracle.inverse(T[index]), EVERY_BEAM),
+            ),
+            (row(back, index), oracle.verdicts(b, a, T[index], EVERY_BEAM)),
         ):
             # A ray may pass a surface's very end on either side.
             np.testing.assert_allclose((got.agree, got.contradict), expected[:2], atol=2)

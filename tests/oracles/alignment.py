@@ -32,8 +32,8 @@ def paper_matrix(reference, query, length, rotation=None, tolerance=None):
 def directed_matrix(reference, query, length, rotation, tolerance):
     """As above for a full rotation: only the ends that it brings together are counted."""
     matrix = np.zeros((len(reference[0]), len(query[0])), int)
-    for a, b, d, direction in edges(*reference):
-        for v, w, e, turned in edges(*query):
+    for a, b, d, _ in edges(*reference):
+        for v, w, e, _ in edges(*query):
             if abs(d - e) > length:
                 continue
             # The sense of an edge runs from its first to its second end.

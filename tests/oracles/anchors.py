@@ -9,6 +9,7 @@ class Beams:
     def __init__(self, ranges, angle_min, step, range_min, range_max):
         self.ranges = np.asarray(ranges, np.float64)
         self.step = float(step)
+        self.limit = float(range_max)
         self.count = len(self.ranges)
         self.hit = [bool(range_min <= r <= range_max) for r in self.ranges]
         self.free = [bool(r == np.inf) for r in self.ranges]
@@ -44,8 +45,7 @@ def parts(beams, gap, incidence):
         return distance <= gap + spacing * min(beams.ranges[i], beams.ranges[j])
 
     if beams.count and all(linked(i) for i in range(beams.count)):
-        first = int(np.argmin(beams.ranges))
-        return [[(first + k) % beams.count for k in range(beams.count)]]
+        return [list(range(beams.count))]  # a closed room, which may be cut anywhere
     found = []
     for i in range(beams.count):
         before = beams.before(i)
@@ -73,7 +73,9 @@ def jump_edges(beams, large_parts, jump, relative, weight):
         ):
             if beyond is None or not (beams.hit[beyond] or beams.free[beyond]):
                 continue
-            grows = 10.0 if beams.free[beyond] else beams.ranges[beyond] - beams.ranges[end]
+            near, course = beams.ranges[end], 2 / beams.ranges[end] - 1 / beams.ranges[inner]
+            goes_on = max(near, 1 / course) if course > 0 else np.inf  # a straight surface
+            grows = (beams.limit if beams.free[beyond] else beams.ranges[beyond]) - goes_on
             if grows <= jump + relative * beams.ranges[end]:
                 continue
             step = beams.xy[end] - beams.xy[inner]

@@ -68,11 +68,10 @@ def synthetic_ranges(view, T_front_overview, bearings):
 
 
 def verdicts(overview, front, T_front_overview, config):
-    """How many compared beams agree, contradict, and met a surface at all (for one alignment)."""
-    slots = len(front.xy)
-    stride = math.ceil(slots / config.beams)
-    beams = [i for i in range(0, slots, stride) if front.hit[i]]
-    bearing = float(front.angle_min) + np.array(beams) * float(front.angle_increment)
+    """How many beams agree, contradict, and met a surface at all (for one alignment)."""
+    assert front.beams <= config.beams, "every beam is compared"
+    beams = np.nonzero(np.asarray(front.hit))[0]
+    bearing = float(front.angle_min) + beams * float(front.angle_increment)
     claimed = synthetic_ranges(overview, T_front_overview, bearing)
     T_overview_front = inverse(T_front_overview)
     agree = contradict = 0

@@ -1,0 +1,103 @@
+from typing import Any
+
+import numpy as np
+import pytest
+
+from aprjax.anchors.candidates import Kind
+from aprjax.anchors.extract import Anchors
+from aprjax.metrics import reappearing, repeatability
+from aprjax.scan import Scan
+
+STILL = np.zeros(3)
+
+
+def anchors(*points, kinds=None, capacity=6) -> Anchors:
+    count = len(points)
+    arrays: dict[str, Any] = {
+        "xy": np.zeros((capacity, 2), np.float32),
+        "kind": np.zeros(capacity, np.int32),
+        "salience": np.zeros(capacity, np.float32),
+        "valid": np.arange(capacity) < count,
+        "overflow": np.int32(0),
+    }
+    arrays["xy"][:count] = np.reshape(points, (count, 2))
+    arrays["kind"][:count] = Kind.ANGLE if kinds is None else kinds
+    return Anchors(**arrays)
+
+
+def seen_from(T_a_b, xy):
+    cos, sin = np.cos(T_a_b[2]), np.sin(T_a_b[2])
+    return (np.asarray(xy) - T_a_b[:2]) @ np.array([[cos, -sin], [sin, cos]])
+
+
+def wall(distance, beams=181, first=-90.0):
+    return Scan.make(
+        np.full(beams, distance),
+        angle_min=np.radians(first),
+        angle_increment=np.radians(1),
+        range_max=20.0,
+    )
+
+
+def test_the_same_anchors_from_another_pose_all_reappear():
+    points = [(1, 2), (3, -1), (4, 0.5)]
+    T_a_b = np.array([0.7, -0.4, 2.0])
+    b = anchors(*seen_from(T_a_b, points))
+    assert repeatability(anchors(*points), b, T_a_b) == 1.0
+    assert repeatability(anchors(*points), b, STILL) == 0.0
+
+
+def test_the_share_is_of_the_anchors_of_a_within_the_radius():
+    a = anchors((1, 0), (2, 0), (3, 0), (4, 0))
+    b = anchors((1.05, 0), (2, 0.2), (3, 0))
+    assert repeatability(a, b, STILL) == 0.5
+    assert repeatability(a, b, STILL, radius=0.25) == 0.75
+    assert repeatability(b, a, STILL) == pytest.approx(2 / 3)
+
+
+def test_the_kind_does_not_matter_and_padding_is_no_anchor():
+    a = anchors((1, 0), (0.01, 0), kinds=[Kind.ANGLE, Kind.JUMP_EDGE])
+    b = anchors((1, 0), kinds=[Kind.VIRTUAL_EDGE])
+    assert repeatability(a, b, STILL) == 0.5
+
+
+def test_none_to_count_is_not_a_number():
+    assert np.isnan(repeatability(anchors(), anchors((1, 0)), STILL))
+    assert repeatability(anchors((1, 0)), anchors(), STILL) == 0.0
+
+
+def test_what_b_cannot_see_does_not_count():
+    points = [(3, 0), (6, 0), (-3, 0), (0, 5), (30, 0), (5.1, 0)]
+    counted, found = reappearing(anchors(*points), anchors((3, 0)), STILL, 0.1, wall(5.0))
+    assert counted.tolist() == [True, False, False, True, False, True]
+    assert found.tolist() == [True, False, False, False, False, False]
+
+
+def test_virtual_edges_always_count():
+    a = anchors((6, 0), (-3, 0), kinds=[Kind.VIRTUAL_EDGE] * 2)
+    assert reappearing(a, anchors(), STILL, 0.1, wall(5.0))[0].sum() == 2
+
+
+def test_an_edge_counts_where_any_of_its_beams_passes():
+    ranges = np.full(181, 2.0)
+    ranges[91:] = 9.0
+    scan = Scan.make(ranges, angle_min=-np.pi / 2, angle_increment=np.pi / 180, range_max=20.0)
+    counted, _ = reappearing(anchors((5, 0), (5, -1)), anchors(), STILL, 0.1, scan)
+    assert counted[:2].tolist() == [True, False]
+
+
+@pytest.mark.parametrize("step", [1.0, -1.0])
+def test_a_full_turn_has_no_edge_of_view(step):
+    scan = Scan.make(
+        np.full(360, 5.0), angle_min=0.0, angle_increment=np.radians(step), range_max=20.0
+    )
+    angle = np.radians([0.0, 90.0, 180.0, 270.0, 359.7])
+    points = 4.0 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    assert reappearing(anchors(*points), anchors(), STILL, 0.1, scan)[0][:5].all()
+    beyond = reappearing(anchors(*(2 * points)), anchors(), STILL, 0.1, scan)[0]
+    assert not beyond.any()
+
+
+def test_beams_that_met_nothing_hide_nothing():
+    scan = wall(np.inf)
+    assert reappearing(anchors((6, 0)), anchors(), STILL, 0.1, scan)[0][0]

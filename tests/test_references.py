@@ -1,0 +1,150 @@
+import jax
+import numpy as np
+import pytest
+
+from aprjax.features import FeatureConfig
+from aprjax.numerics import bucket
+from aprjax.references import ReferenceSet
+from aprjax.scan import Scan
+from tests.worlds import free_pose, office, scan_at
+
+
+@pytest.fixture(scope="module")
+def scans():
+    rng = np.random.default_rng(5)
+    world = office(seed=3)
+    return [scan_at(world, free_pose(world, rng), noise=0.01, rng=rng) for _ in range(12)]
+
+
+@pytest.fixture(scope="module")
+def references(scans):
+    return ReferenceSet.build(scans)
+
+
+def features(references):
+    """The features of the references proper, as NumPy arrays."""
+    return jax.tree.map(lambda a: np.asarray(a)[: len(references)], references.index.features)
+
+
+def assert_same(first, second):
+    """The same references, described alike."""
+    np.testing.assert_array_equal(first.ids, second.ids)
+    np.testing.assert_array_equal(first.index.ids, second.index.ids)
+    for tree in (lambda r: r.scans, features):
+        one, other = jax.tree.leaves(tree(first)), jax.tree.leaves(tree(second))
+        for a, b in zip(one, other, strict=True):
+            np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-5)
+
+
+def test_ids_count_from_zero_in_the_order_of_the_scans(references, scans):
+    assert len(references) == len(scans) == references.next_id
+    np.testing.assert_array_equal(references.ids, np.arange(len(scans)))
+    np.testing.assert_array_equal(references.scans.ranges[3, :181], scans[3].ranges)
+
+
+def test_a_stacked_scan_builds_the_same_set_as_a_list(references, scans):
+    assert_same(ReferenceSet.build(Scan.stack(scans)), references)
+
+
+def test_rows_beyond_the_references_are_not_valid(references):
+    rows = bucket(len(references))
+    fewer = references.remove([4])
+    for each in (references, fewer):
+        assert each.index.ids.shape == (rows,)
+        np.testing.assert_array_equal(each.index.valid, np.arange(rows) < len(each))
+        np.testing.assert_array_equal(each.index.ids[len(each) :], -1)
+        for leaf in jax.tree.leaves(each.index.features):
+            assert leaf.shape[0] == rows
+
+
+@pytest.mark.parametrize(("count", "rows"), [(1, 8), (8, 8), (9, 10), (33, 40), (65, 80)])
+def test_rows_grow_in_buckets(scans, count, rows):
+    built = ReferenceSet.build([scans[i % len(scans)] for i in range(count)])
+    assert len(built) == count
+    assert built.index.ids.shape == (rows,)
+
+
+def test_scans_are_described_alike_wherever_they_stand(scans, references):
+    """More than one chunk of references, each scan many times."""
+    many = features(ReferenceSet.build([scans[i % len(scans)] for i in range(70)]))
+    few = features(references)
+    for a, b in zip(jax.tree.leaves(many), jax.tree.leaves(few), strict=True):
+        np.testing.assert_allclose(a, b[np.arange(70) % len(scans)], rtol=1e-5, atol=1e-5)
+
+
+def test_added_scans_are_as_if_built_with_the_others(scans, references):
+    start = ReferenceSet.build(scans[:5])
+    assert_same(start.add(scans[5:9]).add(scans[9:]), references)
+    assert len(start) == 5
+
+
+def test_added_scans_may_have_more_beams_than_those_there(scans):
+    rng = np.random.default_rng(6)
+    world = office(seed=3)
+    wide = scan_at(world, free_pose(world, rng), beams=241)
+    assert_same(ReferenceSet.build(scans[:3]).add([wide]), ReferenceSet.build([*scans[:3], wide]))
+
+
+def test_removed_ids_are_gone_and_the_others_keep_theirs(references):
+    fewer = references.remove([3, 0])
+    assert len(fewer) == len(references) - 2
+    np.testing.assert_array_equal(fewer.ids, [i for i in range(12) if i not in (0, 3)])
+    kept = jax.tree.leaves(features(fewer))
+    for a, b in zip(kept, jax.tree.leaves(features(references)), strict=True):
+        np.testing.assert_array_equal(a, b[fewer.ids])
+    assert len(references) == 12
+
+
+def test_an_id_is_never_given_twice(references, scans):
+    again = references.remove([11]).add([scans[11]])
+    np.testing.assert_array_equal(again.ids, [*range(11), 12])
+    assert again.next_id == 13
+
+
+def test_removing_an_unknown_id_is_refused_by_name(references):
+    with pytest.raises(ValueError, match=r"ids\[1\].*99"):
+        references.remove([0, 99])
+    with pytest.raises(ValueError, match=r"ids\[0\].*-1"):
+        references.remove([-1])
+    with pytest.raises(ValueError, match=r"ids\[0\].*3"):
+        references.remove([3]).remove([3])
+
+
+def test_everything_can_be_removed_and_something_added_again(references, scans):
+    empty = references.remove(range(12))
+    assert len(empty) == 0
+    assert not np.any(empty.index.valid)
+    again = empty.add(scans[:1])
+    np.testing.assert_array_equal(again.ids, [12])
+
+
+def test_a_set_is_restored_from_its_scans_and_ids(references):
+    fewer = references.remove([1, 5])
+    restored = ReferenceSet.restore(fewer.scans, fewer.ids, fewer.next_id, FeatureConfig())
+    assert_same(restored, fewer)
+    assert restored.next_id == 12
+
+
+def test_a_scan_without_anchors_is_kept(scans):
+    blank = Scan.make(
+        np.full(181, np.nan), angle_min=-np.pi / 2, angle_increment=np.pi / 180, range_max=30.0
+    )
+    built = ReferenceSet.build([scans[0], blank, scans[1]])
+    assert len(built) == 3
+    assert not np.any(built.index.features.anchors.valid[1])
+    for leaf in jax.tree.leaves(features(built)):
+        assert np.all(np.isfinite(leaf) | (leaf == np.inf))
+
+
+def test_no_scans_are_refused(references):
+    with pytest.raises(ValueError, match="empty"):
+        ReferenceSet.build([])
+    with pytest.raises(ValueError, match="empty"):
+        references.add([])
+
+
+def test_scans_of_the_wrong_rank_are_refused(references, scans):
+    with pytest.raises(ValueError, match=r"\(181,\)"):
+        ReferenceSet.build(scans[0])
+    with pytest.raises(ValueError, match=r"scans\[1\]"):
+        ReferenceSet.build([scans[0], references.scans])
