@@ -276,7 +276,7 @@ def _distinct(
 
     def choose(left, _):
         best = jnp.argmax(jnp.where(left, e_m, -1.0))
-        gap = jnp.sum((T_ref_query[:, :2] - T_ref_query[best, :2]) ** 2, axis=-1)
+        gap = jnp.sum((T_ref_query[:, :2] - T_ref_query[best, None, :2]) ** 2, axis=-1)
         turn = jnp.abs(wrap(T_ref_query[:, 2] - T_ref_query[best, 2]))
         same = (row == row[best]) & (gap < config.distinct_distance**2)
         return left & ~(same & (turn < config.distinct_angle)), (best, left[best])

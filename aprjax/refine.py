@@ -84,7 +84,7 @@ def _linearise(
     near = jnp.sum(gap * gap, axis=-1) < (config.reach * gate) ** 2
     paired = query.hit[::stride] & visible & near & jnp.any(normal != 0, axis=-1)
     weight = jnp.where(paired, jnp.maximum(1.0 - (off / gate) ** 2, 0.0) ** 2, 0.0)
-    arm = xy - T_ref_query[:2]
+    arm = xy - T_ref_query[None, :2]
     turning = normal[:, 1] * arm[:, 0] - normal[:, 0] * arm[:, 1]
     jacobian = jnp.concatenate([normal, turning[:, None]], axis=-1)
     weighted = (weight[:, None] * jacobian).T

@@ -107,17 +107,18 @@ class Scan(eqx.Module):
     @property
     def real(self) -> Bool[Array, "*batch slots"]:
         """Slots that hold a beam of the scanner, not padding."""
-        return jnp.arange(self.ranges.shape[-1]) < self.beams[..., None]
+        return self._slot < self.beams[..., None]
 
     @property
     def full_turn(self) -> Bool[Array, "*batch"]:
         """Whether the last beam's neighbour is the first."""
-        return (self.beams + 0.5) * jnp.abs(self.angle_increment) > 2 * jnp.pi
+        beams = self.beams.astype(jnp.float32)
+        return (beams + 0.5) * jnp.abs(self.angle_increment) > 2 * jnp.pi
 
     @property
     def bearings(self) -> Float[Array, "*batch slots"]:
         """Directions of the beams in radians."""
-        steps = jnp.arange(self.ranges.shape[-1])
+        steps = self._slot.astype(jnp.float32)
         return self.angle_min[..., None] + steps * self.angle_increment[..., None]
 
     @property
@@ -127,6 +128,12 @@ class Scan(eqx.Module):
         return ranges[..., None] * jnp.stack(
             [jnp.cos(self.bearings), jnp.sin(self.bearings)], axis=-1
         )
+
+    @property
+    def _slot(self) -> Int[Array, "*#batch slots"]:
+        """The number of each slot, with an axis of length one for each batch axis."""
+        axes = tuple(range(self.ranges.ndim - 1))
+        return jnp.expand_dims(jnp.arange(self.ranges.shape[-1], dtype=jnp.int32), axes)
 
     def pad(self, slots: int) -> Self:
         """The same scan with `ranges` padded by NaN to `slots` on the host."""

@@ -3,7 +3,15 @@
 import os
 from pathlib import Path
 
+import jax
 import pytest
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _strict_jax():
+    """Refuse silent promotion of dtypes and ranks: the engine spells both out."""
+    jax.config.update("jax_numpy_dtype_promotion", "strict")
+    jax.config.update("jax_numpy_rank_promotion", "raise")
 
 
 @pytest.fixture(scope="session")

@@ -52,7 +52,8 @@ def align(
     matrices = correspondence_matrices(reference, query, rotations.angle, config.correspondence)
     matrices = jnp.where((rotations.votes > 0)[:, None, None], matrices, 0)
     real_query, real_reference = jnp.any(query.valid, axis=1), jnp.any(reference.valid, axis=1)
-    weight = real_query / jnp.maximum(jnp.sum(real_query), 1)
+    weight = real_query.astype(jnp.float32)
+    weight = weight / jnp.maximum(jnp.sum(weight), 1.0)
     centre = jnp.sum(weight[:, None] * query.xy, axis=0)
 
     def next_maximum(matrices: Int[Array, "rotations n m"], _):
@@ -60,18 +61,20 @@ def align(
         rotation = rotations.angle[r]
         found = contributions(reference, query, i, j, rotation, centre, config.correspondence)
         T_ref_query, size = centre_of_gravity(found, rotation, centre, config.cluster)
-        gap = reference.xy[:, None] - transform(T_ref_query, query.xy)
+        gap = reference.xy[:, None] - transform(T_ref_query, query.xy)[None, :]
         agree = jnp.sum(gap * gap, axis=-1) <= config.agreement**2
-        agree = agree & real_reference[:, None] & real_query
+        agree = agree & real_reference[:, None] & real_query[None, :]
         anchors = jnp.sum(jnp.any(agree, axis=0), dtype=jnp.int32)
+        enough = anchors.astype(jnp.float32) >= config.min_anchors
         alternative = Alternatives(
             T_ref_query=T_ref_query,
             anchors=anchors,
             votes=votes,
-            valid=(votes > 0) & (size > 0) & (anchors >= config.min_anchors),
+            valid=(votes > 0) & (size > 0) & enough,
         )
         turned = wrap(rotations.angle - T_ref_query[2])
-        explained = (jnp.abs(turned) <= 2 * config.correspondence.angle)[:, None, None] & agree
+        alike = jnp.abs(turned) <= 2 * config.correspondence.angle
+        explained = alike[:, None, None] & agree[None, :, :]
         return jnp.where(explained, 0, matrices).at[r, i, j].set(0), alternative
 
     _, found = jax.lax.scan(next_maximum, matrices, length=config.maxima)

@@ -43,9 +43,10 @@ def contributions(
     taken. Middle point comes on middle point, direction on direction.
     """
     unit, length = reference.unit[i], reference.length[i]
-    may = reference.valid[i][:, None] & query.valid[j]
-    same = config.same(unit[:, None], length[:, None], query.unit[j], query.length[j], rotation)
-    off = jnp.where(may & same, jnp.abs(length[:, None] - query.length[j]), jnp.inf)
+    may = reference.valid[i][:, None] & query.valid[j][None, :]
+    unit_j, length_j = query.unit[j][None, :], query.length[j][None, :]
+    same = config.same(unit[:, None], length[:, None], unit_j, length_j, rotation)
+    off = jnp.where(may & same, jnp.abs(length[:, None] - length_j), jnp.inf)
     partner = jnp.argmin(off, axis=1)
 
     # Sine and cosine of an edge's rotation are products of unit vectors: no angle is needed.
@@ -53,9 +54,9 @@ def contributions(
     cos = jnp.sum(ours * unit, axis=-1)
     sin = ours[:, 0] * unit[:, 1] - ours[:, 1] * unit[:, 0]
     turn = jnp.arcsin(jnp.clip(sin * jnp.cos(rotation) - cos * jnp.sin(rotation), -1.0, 1.0))
-    arm = centre - 0.5 * (query.xy[j] + query.xy[partner])
+    arm = centre[None, :] - 0.5 * (query.xy[j][None, :] + query.xy[partner])
     turned = jnp.stack([cos * arm[:, 0] - sin * arm[:, 1], sin * arm[:, 0] + cos * arm[:, 1]], -1)
-    middle = 0.5 * (reference.xy[i] + reference.xy) + turned
+    middle = 0.5 * (reference.xy[i][None, :] + reference.xy) + turned
     return Contributions(turn=turn, middle=middle, valid=jnp.isfinite(jnp.min(off, axis=1)))
 
 
@@ -70,9 +71,9 @@ def centre_of_gravity(
     The cluster is what lies near the contribution with most neighbours; the others are the
     erroneous ones that the clustering is there to drop.
     """
-    gap = jnp.sum((found.middle[:, None] - found.middle) ** 2, axis=-1)
-    near = (gap <= config.distance**2) & found.valid & found.valid[:, None]
-    near = near & (jnp.abs(found.turn[:, None] - found.turn) <= config.angle)
+    gap = jnp.sum((found.middle[:, None] - found.middle[None, :]) ** 2, axis=-1)
+    near = (gap <= config.distance**2) & found.valid[None, :] & found.valid[:, None]
+    near = near & (jnp.abs(found.turn[:, None] - found.turn[None, :]) <= config.angle)
     seed = jnp.argmax(jnp.sum(near, axis=1))
     member = near[seed].astype(jnp.float32)
     size = jnp.sum(member)

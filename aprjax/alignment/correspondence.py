@@ -45,14 +45,14 @@ def correspondence_matrices(
     a with w and b with v, belongs to the opposite rotation; with an angle tolerance of π all
     four of its combinations take part, as in its matrix without the matching angle histogram.
     """
-    both = reference.valid[:, :, None, None] & query.valid
+    both = reference.valid[:, :, None, None] & query.valid[None, None, :, :]
     votes = tuple(
         both
         & config.same(
             reference.unit[:, :, None, None],
             reference.length[:, :, None, None],
-            query.unit,
-            query.length,
+            query.unit[None, None, :, :],
+            query.length[None, None, :, :],
             rotation,
         )
         for rotation in rotations

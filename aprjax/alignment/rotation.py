@@ -35,7 +35,7 @@ def rotation_peaks(histogram: Float[Array, " direction_bins"], config: RotationC
     offsets = np.arange(-config.width, config.width + 1)
     shifted = jnp.stack([jnp.roll(histogram, -shift) for shift in offsets])
     votes = jnp.sum(shifted, axis=0)
-    tilt = jnp.sum(offsets[:, None] * shifted, axis=0)
+    tilt = jnp.sum(offsets[:, None].astype(np.float32) * shifted, axis=0)
     position = jnp.arange(bins)
 
     def choose(left, _):
@@ -45,7 +45,8 @@ def rotation_peaks(histogram: Float[Array, " direction_bins"], config: RotationC
         return jnp.where(near, 0.0, left), (peak, left[peak])
 
     _, (peak, height) = jax.lax.scan(choose, votes, length=config.peaks)
-    angle = (peak + tilt[peak] / jnp.maximum(votes[peak], 1.0)) * (np.pi / bins)
+    mean = peak.astype(jnp.float32) + tilt[peak] / jnp.maximum(votes[peak], 1.0)
+    angle = mean * (np.pi / bins)
     return Rotations(
         angle=jnp.concatenate([angle, angle + np.pi]), votes=jnp.concatenate([height, height])
     )

@@ -41,7 +41,7 @@ class Candidates(eqx.Module):
 
         def choose(left, _):
             pick = jnp.argmax(jnp.where(left, self.salience, -jnp.inf))
-            gap = self.xy - self.xy[pick]
+            gap = self.xy - self.xy[pick][None, :]
             return left & (jnp.sum(gap * gap, axis=-1) >= apart**2), (pick, left[pick])
 
         _, (chosen, valid) = jax.lax.scan(choose, self.valid, length=2 * size)

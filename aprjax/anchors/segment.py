@@ -85,7 +85,8 @@ def segment(scan: Scan, config: SegmentConfig) -> Segments:
 
     reach = safe_norm(xy - xy[start])
     extent = jax.ops.segment_max(reach, start, num_segments=slots)[start]
-    enough = (extent >= config.min_extent) & (stop - start + 1 >= config.min_beams)
+    hits = (stop - start + 1).astype(jnp.float32)
+    enough = (extent >= config.min_extent) & (hits >= config.min_beams)
 
     last = jnp.where(scan.full_turn, scan.beams - 1, 0)
     return Segments(
@@ -99,7 +100,7 @@ def segment(scan: Scan, config: SegmentConfig) -> Segments:
         previous=jnp.where(index > 0, index - 1, last),
         next=jnp.where(index + 1 < scan.beams, index + 1, jnp.where(scan.full_turn, 0, index)),
         range_max=scan.range_max,
-        angle_min=scan.angle_min + beam[0] * scan.angle_increment,
+        angle_min=scan.angle_min + beam[0].astype(jnp.float32) * scan.angle_increment,
     )
 
 

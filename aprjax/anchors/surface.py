@@ -54,7 +54,8 @@ def surface(segments: Segments, config: SurfaceConfig) -> Surface:
     middle = jnp.concatenate(
         [segments.xy[:, None], jnp.ones_like(segments.xy[:, None, :1])], axis=-1
     )
-    through = jnp.concatenate([before, middle * segments.hit[:, None, None], after], axis=1)
+    middle = jnp.where(segments.hit[:, None, None], middle, 0.0)
+    through = jnp.concatenate([before, middle, after], axis=1)
     return Surface(*(_fit(points, segments.xy) for points in (before, after, through)))
 
 
@@ -76,12 +77,13 @@ def _side(
         longer = jnp.minimum(count + (1 << bit), room)
         count = jnp.where(square(longer) <= window, longer, count)
 
-    k = jnp.arange(1, config.samples + 1)
+    k = jnp.arange(1, config.samples + 1)[None, :]
     offset = -(-k * count[:, None] // config.samples)
     earlier = -(-(k - 1) * count[:, None] // config.samples)
     used = (offset > earlier) & segments.hit[:, None]
     xy = segments.xy[index[:, None] + sign * offset]
-    return jnp.concatenate([xy, jnp.ones_like(xy[..., :1])], axis=-1) * used[..., None]
+    points = jnp.concatenate([xy, jnp.ones_like(xy[..., :1])], axis=-1)
+    return jnp.where(used[..., None], points, 0.0)
 
 
 def _fit(points: Float[Array, "slots samples 3"], origin: Float[Array, "slots 2"]) -> Face:

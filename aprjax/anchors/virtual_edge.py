@@ -104,7 +104,7 @@ def _peak_directions(
     bins = jnp.floor((direction + np.pi / 2) / width).astype(jnp.int32) % config.direction_bins
     histogram = jnp.zeros(config.direction_bins).at[bins].add(length)
     histogram = histogram + jnp.roll(histogram, 1) + jnp.roll(histogram, -1)
-    middle = (jnp.arange(config.direction_bins) + 0.5) * width - np.pi / 2
+    middle = (jnp.arange(config.direction_bins).astype(jnp.float32) + 0.5) * width - np.pi / 2
 
     def choose(histogram, _):
         angle = middle[jnp.argmax(histogram)]
@@ -112,8 +112,8 @@ def _peak_directions(
         return jnp.where(near, 0.0, histogram), angle
 
     _, angle = jax.lax.scan(choose, histogram, length=config.directions)
-    gap = wrap(direction - angle[:, None], np.pi)
-    weight = length * (jnp.abs(gap) <= 2 * width)
+    gap = wrap(direction[None, :] - angle[:, None], np.pi)
+    weight = jnp.where(jnp.abs(gap) <= 2 * width, length[None, :], 0.0)
     return angle + jnp.sum(weight * gap, axis=-1) / jnp.maximum(jnp.sum(weight, axis=-1), 1e-6)
 
 
@@ -127,7 +127,8 @@ def _lines_along(
     """The strongest lines in the direction `angle` (radians)."""
     unit = jnp.stack([jnp.cos(angle), jnp.sin(angle)])
     offset = xy[:, 1] * unit[0] - xy[:, 0] * unit[1]
-    length = length * (jnp.abs(wrap(direction - angle, np.pi)) <= config.spread)
+    parallel = jnp.abs(wrap(direction - angle, np.pi)) <= config.spread
+    length = jnp.where(parallel, length, 0.0)
     bin_width = 0.5 * config.width
     half = config.offset_bins // 2
     bins = jnp.clip(
@@ -136,7 +137,7 @@ def _lines_along(
     histogram = jnp.zeros(config.offset_bins).at[bins].add(length)
     histogram = histogram.at[jnp.array([0, -1])].set(0.0)
     histogram = histogram + jnp.roll(histogram, 1) + jnp.roll(histogram, -1)
-    middle = (jnp.arange(config.offset_bins) - half + 0.5) * bin_width
+    middle = (jnp.arange(-half, config.offset_bins - half).astype(jnp.float32) + 0.5) * bin_width
 
     def choose(histogram, _):
         peak = middle[jnp.argmax(histogram)]
@@ -145,11 +146,11 @@ def _lines_along(
     _, peaks = jax.lax.scan(choose, histogram, length=config.lines)
 
     def line(peak):
-        weight = length * (jnp.abs(offset - peak) <= config.width)
+        weight = jnp.where(jnp.abs(offset - peak) <= config.width, length, 0.0)
         total = jnp.sum(weight)
         share = weight / jnp.maximum(total, 1e-6)
         centre = jnp.sum(share[:, None] * xy, axis=0)
-        x, y = jnp.moveaxis(xy - centre, -1, 0)
+        x, y = jnp.moveaxis(xy - centre[None, :], -1, 0)
         xx, yy, cross = (jnp.sum(share * product) for product in (x * x, y * y, x * y))
         fitted = jnp.where(
             total > 0, 0.5 * jnp.arctan2(2 * cross, jnp.where(total > 0, xx - yy, 1.0)), 0.0

@@ -103,4 +103,5 @@ def quality(
     ahead_, back_ = consistent(ahead), consistent(back)
     first = jnp.where(query_sees & ~reference_sees, back_, ahead_)
     second = jnp.where(reference_sees & ~query_sees, ahead_, back_)
-    return first * second * anchors / (anchors + config.anchors)
+    count = anchors.astype(jnp.float32)
+    return first * second * count / (count + config.anchors)

@@ -42,7 +42,8 @@ class View(eqx.Module):
     @property
     def bearings(self) -> Float[Array, " slots"]:
         """Directions of the entries in radians."""
-        return self.angle_min + jnp.arange(self.xy.shape[-2]) * self.angle_increment
+        steps = jnp.arange(self.xy.shape[-2]).astype(jnp.float32)
+        return self.angle_min + steps * self.angle_increment
 
     def look_up(
         self, xy: Float[Array, "points 2"]

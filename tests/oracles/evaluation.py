@@ -36,11 +36,11 @@ def look_up(view, xy):
     The field of view reaches half a beam's step past its outer beams.
     """
     beams, step = int(view.beams), float(view.angle_increment)
-    bearings = [float(view.angle_min) + i * step for i in range(beams)]
+    bearings = float(view.angle_min) + step * np.arange(beams)
     found = []
     for x, y in np.asarray(xy, float):
-        off = [abs(_wrap(math.atan2(y, x) - bearing)) for bearing in bearings]
-        nearest = min(range(beams), key=off.__getitem__)
+        off = np.abs(np.angle(np.exp(1j * (math.atan2(y, x) - bearings))))
+        nearest = int(np.argmin(off))
         found.append((nearest, off[nearest] <= abs(step) / 2))
     index, visible = zip(*found, strict=True)
     return np.array(index), np.array(visible)
@@ -52,7 +52,7 @@ def synthetic_ranges(view, T_front_overview, bearings):
     A surface piece joins two linked hits, and counts if it is seen from the side that the
     overview saw it from: with the interior of its sweep on the same hand.
     """
-    points = [_move(T_front_overview, point) for point in np.asarray(view.xy, float)]
+    points = [_move(T_front_overview, point).tolist() for point in np.asarray(view.xy, float)]
     sense = math.copysign(1, float(view.angle_increment))
     pieces = [
         (points[i], points[(i + 1) % len(points)]) for i in np.nonzero(np.asarray(view.linked))[0]
@@ -105,10 +105,6 @@ def robust_cost(reference, query, T_ref_query, gate):
     return cost / len(xy)
 
 
-def _wrap(angle):
-    return math.atan2(math.sin(angle), math.cos(angle))
-
-
 def _matrix(T):
     x, y, theta = np.asarray(T, float)
     cos, sin = math.cos(theta), math.sin(theta)
@@ -124,10 +120,15 @@ def _move(T, point):
 
 
 def _crossing(p, q, bearing):
-    """Distance from the origin along `bearing` to the piece from p to q; infinite if it misses."""
-    ray = np.array([math.cos(bearing), math.sin(bearing)])
-    system = np.column_stack([ray, p - q])
-    if abs(np.linalg.det(system)) < 1e-12:
+    """Distance from the origin along `bearing` to the piece from p to q; infinite if it misses.
+
+    Solves distance * ray = p + share * (q - p) by Cramer's rule.
+    """
+    ray_x, ray_y = math.cos(bearing), math.sin(bearing)
+    along_x, along_y = q[0] - p[0], q[1] - p[1]
+    determinant = ray_y * along_x - ray_x * along_y
+    if abs(determinant) < 1e-12:
         return math.inf
-    distance, share = np.linalg.solve(system, p)
+    distance = (along_x * p[1] - along_y * p[0]) / determinant
+    share = (ray_x * p[1] - ray_y * p[0]) / determinant
     return distance if distance > 0 and 0 <= share <= 1 else math.inf
