@@ -38,12 +38,16 @@ class MatchConfig(eqx.Module):
     distinct_distance: Float[Array, ""] = threshold(0.3, "metres between distinct hypotheses")
     distinct_angle: Float[Array, ""] = threshold(0.2, "radians, likewise")
     rival: Float[Array, ""] = threshold(0.9, "share of the best e_m that makes a rival")
-    top_k: int | None = eqx.field(default=None, static=True)
-    """References aligned, those with the highest q_m; all of them by default."""
-    kept: int | None = eqx.field(default=20, static=True)
-    """Alternatives that pass the screen, over all references; `None` is all (no cascade)."""
+    top_k: int | None = capacity(None, "references aligned, those of the highest q_m; None is all")
+    kept: int | None = capacity(20, "alternatives that pass the screen; None is all, no cascade")
     hypotheses: int = capacity(5, "K, the most hypotheses of a query")
     chunk: int = capacity(16, "queries worked on at a time, which bounds the memory")
+
+    def __check_init__(self) -> None:
+        for name in ("top_k", "kept", "hypotheses", "chunk"):
+            value = getattr(self, name)
+            if value is not None and value < 1:
+                raise ValueError(f"{name}: {value} is not a positive number")
 
 
 class Counts(eqx.Module):
@@ -102,7 +106,7 @@ def match_batch(
     """Where each scan was taken, with respect to every reference, in one jitted call.
 
     `scans` is a list of scans or a stacked `Scan`; the result has a leading axis of that length
-    and stays on the device. The call compiles once for each bucket of beams, of references and
+    and lies on the host. The call compiles once for each bucket of beams, of references and
     of queries (see `numerics.bucket`), whatever the thresholds. Raises `ValueError` for an empty
     list and for no references; a scan in which nothing can be found is no error but a status.
     """
@@ -113,12 +117,12 @@ def match_batch(
     if batch.ranges.ndim != 2 or batch.ranges.shape[0] == 0:
         raise ValueError(f"scans: ranges of shape {batch.ranges.shape} are not (queries, beams)")
     queries = batch.ranges.shape[0]
-    chunk = min(config.chunk, bucket(queries, smallest=1))
+    chunk = min(config.chunk, 1 << (queries - 1).bit_length())
     slots = -(-bucket(queries, smallest=1) // chunk) * chunk
     result = _match_chunks(
         batch.pad_batch(slots), np.int32(queries), references.index, config, chunk
     )
-    return jax.tree.map(lambda array: array[:queries], result)
+    return jax.tree.map(lambda array: np.asarray(array)[:queries], result)
 
 
 @partial(jax.jit, static_argnames="chunk")
@@ -257,6 +261,7 @@ def _screened(
     score = jax.vmap(rough)(rows, aligned)
     score = jnp.where(aligned.valid, score, -1.0).reshape(-1)
     _, index = jax.lax.top_k(score, config.kept)
+    index = jnp.sort(index)  # by reference again, so that ties go to the lowest id
     return jax.tree.map(lambda array: array[index], everything), rows[index // per_reference]
 
 
@@ -274,16 +279,20 @@ def _distinct(
     references show the same place is not known here.
     """
 
-    def choose(left, _):
-        best = jnp.argmax(jnp.where(left, e_m, -1.0))
+    def same_pose(best: Int[Array, ""]) -> Bool[Array, " kept"]:
         gap = jnp.sum((T_ref_query[:, :2] - T_ref_query[best, None, :2]) ** 2, axis=-1)
         turn = jnp.abs(wrap(T_ref_query[:, 2] - T_ref_query[best, 2]))
-        same = (row == row[best]) & (gap < config.distinct_distance**2)
-        return left & ~(same & (turn < config.distinct_angle)), (best, left[best])
+        return (gap < config.distinct_distance**2) & (turn < config.distinct_angle)
+
+    def choose(left, _):
+        best = jnp.argmax(jnp.where(left, e_m, -1.0))
+        same = (row == row[best]) & same_pose(best)
+        return left & ~same, (best, left[best])
 
     _, (best, valid) = jax.lax.scan(choose, accepted, length=config.hypotheses)
-    as_good = valid & (row[best] == row[best[0]]) & (e_m[best] >= config.rival * e_m[best[0]])
-    return best, valid, jnp.any(as_good[1:])
+    first = best[0]
+    elsewhere = accepted & (row == row[first]) & ~same_pose(first)
+    return best, valid, jnp.any(elsewhere & (e_m >= config.rival * e_m[first]))
 
 
 def _status(counts: Counts, accepted: Bool[Array, ""], rival: Bool[Array, ""]) -> Int[Array, ""]:

@@ -81,10 +81,11 @@ class ReferenceSet:
     def __len__(self) -> int:
         return len(self.ids)
 
-    def add(self, scans: Sequence[Scan]) -> Self:
+    def add(self, scans: Sequence[Scan] | Scan) -> Self:
         """The set with these scans added under the next ids; only they are described anew."""
         slots = self.scans.ranges.shape[-1]
-        new = Scan.stack(scans)
+        new = scans if isinstance(scans, Scan) else Scan.stack(scans)
+        count = new.ranges.shape[0]
         slots = max(slots, new.ranges.shape[-1])
         if slots > self.scans.ranges.shape[-1]:
             # Views are as wide as the scans, so wider scans mean describing all again.
@@ -94,11 +95,11 @@ class ReferenceSet:
             new = new.pad(slots)
             both = _joined(self.scans, new)
             features = _joined(self._features(), _described(new, self.index.config))
-        ids = np.r_[self.ids, self.next_id + np.arange(len(scans))].astype(np.int32)
+        ids = np.r_[self.ids, self.next_id + np.arange(count)].astype(np.int32)
         return type(self)(
             scans=both,
             ids=ids,
-            next_id=self.next_id + len(scans),
+            next_id=self.next_id + count,
             index=_index(features, ids, self.index.config),
         )
 
@@ -131,10 +132,11 @@ def _described(scans: Scan, config: FeatureConfig) -> Features:
     operations would compile for every number of scans.
     """
     count = scans.ranges.shape[0]
-    padded = scans.pad_batch(max(-(-count // _CHUNK), 1) * _CHUNK)
+    size = min(_CHUNK, bucket(count))
+    padded = scans.pad_batch(max(-(-count // size), 1) * size)
     chunks = [
-        _describe_chunk(_rows(padded, slice(start, start + _CHUNK)), config)
-        for start in range(0, max(count, 1), _CHUNK)
+        _describe_chunk(_rows(padded, slice(start, start + size)), config)
+        for start in range(0, max(count, 1), size)
     ]
     return jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *chunks)
 
@@ -157,4 +159,11 @@ def _index(features: Features, ids: np.ndarray, config: FeatureConfig) -> Refere
         width = [(0, missing)] + [(0, 0)] * (array.ndim - 1)
         return jax.device_put(np.pad(array, width, constant_values=fill))
 
-    return ReferenceIndex(jax.tree.map(pad, features), pad(ids, fill=-1), config)
+    padded = jax.tree.map(pad, features)
+    # A step of zero between beams would divide by zero.
+    padded = eqx.tree_at(
+        lambda f: f.view.angle_increment,
+        padded,
+        pad(np.asarray(features.view.angle_increment), fill=1),
+    )
+    return ReferenceIndex(padded, pad(ids, fill=-1), config)

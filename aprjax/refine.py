@@ -26,7 +26,7 @@ class RefineConfig(eqx.Module):
     prior: Float[Array, ""] = threshold(
         1.0, "metres and radians: standard deviation of each coordinate where nothing holds it"
     )
-    points: int = capacity(128, "about how many of the query's end points are paired")
+    points: int = capacity(128, "most end points of the query that are paired")
     iterations: int = capacity(6, "Gauss-Newton steps")
 
 
@@ -58,8 +58,8 @@ def refine(reference: View, query: View, T_ref_query: Pose, config: RefineConfig
     def step(T_ref_query: Pose, gate: Float[Array, ""]) -> tuple[Pose, None]:
         system = _linearise(reference, query, T_ref_query, gate, config)
         # One unit of damping is one point: nothing against a wall, enough along a corridor.
-        update = -_inverse(system.information + jnp.eye(3)) @ system.gradient
-        T_ref_query = T_ref_query + update
+        damped = _inverse(system.information + jnp.eye(3))
+        T_ref_query = T_ref_query - jnp.matmul(damped, system.gradient, precision=HIGHEST)
         return T_ref_query.at[2].set(wrap(T_ref_query[2])), None
 
     shrink = config.final_gate / config.gate
@@ -75,14 +75,14 @@ def _linearise(
     reference: View, query: View, T_ref_query: Pose, gate: Float[Array, ""], config: RefineConfig
 ) -> _System:
     """Pair end points with the surfaces seen in their direction; weights fall to 0 at the gate."""
-    stride = -(-query.xy.shape[0] // config.points)
-    xy = transform(T_ref_query, query.xy[::stride])
+    beam, real = query.thin(config.points)
+    xy = transform(T_ref_query, query.xy[beam])
     index, visible = reference.look_up(xy)
     normal = reference.normal[index]
     gap = xy - reference.xy[index]
     off = jnp.sum(normal * gap, axis=-1)
     near = jnp.sum(gap * gap, axis=-1) < (config.reach * gate) ** 2
-    paired = query.hit[::stride] & visible & near & jnp.any(normal != 0, axis=-1)
+    paired = query.hit[beam] & real & visible & near & jnp.any(normal != 0, axis=-1)
     weight = jnp.where(paired, jnp.maximum(1.0 - (off / gate) ** 2, 0.0) ** 2, 0.0)
     arm = xy - T_ref_query[None, :2]
     turning = normal[:, 1] * arm[:, 0] - normal[:, 0] * arm[:, 1]
@@ -96,14 +96,23 @@ def _linearise(
 
 
 def _inverse(matrix: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
-    """Inverse of a symmetric positive definite matrix by cofactors.
+    """Inverse of a symmetric positive definite matrix by its factors L D Lᵀ, unrolled.
 
-    LAPACK is called matrix by matrix, which would cost more than all the rest of a step.
+    LAPACK is called matrix by matrix, which would cost more than all the rest of a step, and
+    cofactors lose the sign in float32 where a surface is far away. Pivots are kept positive, so
+    the result always is positive definite.
     """
-    a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]
-    d, e, f = matrix[1, 1], matrix[1, 2], matrix[2, 2]
-    first = jnp.stack([d * f - e * e, c * e - b * f, b * e - c * d])
-    second = jnp.stack([first[1], a * f - c * c, b * c - a * e])
-    third = jnp.stack([first[2], second[2], a * d - b * b])
-    determinant = a * first[0] + b * first[1] + c * first[2]
-    return jnp.stack([first, second, third]) / determinant
+    tiny = jnp.finfo(jnp.float32).tiny
+    d0 = jnp.maximum(matrix[0, 0], tiny)
+    l10, l20 = matrix[1, 0] / d0, matrix[2, 0] / d0
+    d1 = jnp.maximum(matrix[1, 1] - l10 * l10 * d0, 1e-6 * matrix[1, 1])
+    l21 = (matrix[2, 1] - l20 * l10 * d0) / d1
+    d2 = jnp.maximum(matrix[2, 2] - l20 * l20 * d0 - l21 * l21 * d1, 1e-6 * matrix[2, 2])
+    one, zero = jnp.ones(()), jnp.zeros(())
+    rows = [
+        jnp.stack([one, zero, zero]) / jnp.sqrt(d0),
+        jnp.stack([-l10, one, zero]) / jnp.sqrt(d1),
+        jnp.stack([l10 * l21 - l20, -l21, one]) / jnp.sqrt(d2),
+    ]
+    inverse_factor = jnp.stack(rows)
+    return jnp.matmul(inverse_factor.T, inverse_factor, precision=HIGHEST)

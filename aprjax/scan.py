@@ -95,9 +95,9 @@ class Scan(eqx.Module):
 
     @property
     def hit(self) -> Bool[Array, "*batch slots"]:
-        """Beams that ended on a surface."""
+        """Beams that ended on a surface. Zero never is one: many drivers say nothing with it."""
         low, high = self.range_min[..., None], self.range_max[..., None]
-        return (self.ranges >= low) & (self.ranges <= high) & self.real
+        return (self.ranges >= low) & (self.ranges <= high) & (self.ranges > 0) & self.real
 
     @property
     def no_return(self) -> Bool[Array, "*batch slots"]:

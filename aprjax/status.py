@@ -11,9 +11,12 @@ class Status(enum.IntEnum):
     """
 
     OK = 0
-    """There is at least one hypothesis, and the best one is clearly better than its rivals."""
+    """There is at least one hypothesis, and no rival in the best one's reference."""
     AMBIGUOUS = 1
-    """There are hypotheses, and another place explains the scan about as well as the best."""
+    """As OK, but another pose in the best hypothesis' reference explains the scan about as well.
+
+    Look-alike places in different references are not told from two references of one place.
+    """
     CAPACITY_EXCEEDED = 2
     """As OK, but the scan had more anchors than the capacity; the most salient were used."""
     TOO_FEW_ANCHORS = 3

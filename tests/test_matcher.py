@@ -415,7 +415,7 @@ def test_more_anchors_than_fit_are_reported_and_still_match():
 
 
 def test_a_plain_wall_has_too_few_anchors(scene):
-    wall = scan_at(np.array([[[2, -90], [2, 90]]], float), np.zeros(3), fov=2.0)
+    wall = scan_at(np.array([[[2, -90], [2, 90]]], float), np.zeros(3))
     result = to_numpy(match(wall, scene.references))
     assert status(result) is Status.TOO_FEW_ANCHORS
     assert result.counts.anchors < 2

@@ -50,9 +50,8 @@ def test_a_range_means_what_rep_117_says(value, meaning):
     assert np.isfinite(beam["points"]).all()
 
 
-def test_zero_is_a_hit_only_where_the_shortest_range_is_zero():
-    assert bool(make([0.0], range_min=0.0).hit[0])
-    assert not bool(make([-1e-6], range_min=0.0).hit[0])
+def test_zero_and_less_are_never_hits_even_where_the_shortest_range_is_zero():
+    assert make([1e-6, 0.0, -1e-6], range_min=0.0).hit.tolist() == [True, False, False]
 
 
 def test_padding_is_neither_hit_nor_free_whatever_it_holds():

@@ -58,7 +58,7 @@ def correspondence_matrices(
         for rotation in rotations
     )
     # One reduction with several results: XLA then walks the n x n x m x m pairs once for all
-    # rotations, which is five times as fast as a sum for each.
+    # rotations, not once for each.
     counts = jax.lax.reduce(
         tuple(vote.astype(jnp.int32) for vote in votes),
         tuple(jnp.int32(0) for _ in votes),

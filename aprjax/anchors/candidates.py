@@ -40,11 +40,13 @@ class Candidates(eqx.Module):
         """
 
         def choose(left, _):
-            pick = jnp.argmax(jnp.where(left, self.salience, -jnp.inf))
+            pick = jnp.argmax(left)
             gap = self.xy - self.xy[pick][None, :]
-            return left & (jnp.sum(gap * gap, axis=-1) >= apart**2), (pick, left[pick])
+            far = jnp.sum(gap * gap, axis=-1) >= apart**2
+            return jnp.where(far, left, -jnp.inf), (pick, left[pick] > -jnp.inf)
 
-        _, (chosen, valid) = jax.lax.scan(choose, self.valid, length=2 * size)
+        left = jnp.where(self.valid, self.salience, -jnp.inf)
+        _, (chosen, valid) = jax.lax.scan(choose, left, length=2 * size)
         picked = jax.tree.map(lambda array: array[chosen[:size]], self)
         overflow = jnp.sum(valid[size:], dtype=jnp.int32)
         return eqx.tree_at(lambda c: c.valid, picked, valid[:size]), overflow

@@ -25,6 +25,11 @@ class ExtractionConfig(eqx.Module):
     apart: Float[Array, ""] = threshold(0.25, "metres between two anchors")
     anchors: int = capacity(16, "most anchors of a scan")
 
+    def __check_init__(self) -> None:
+        # Graphs are dense and correspondence counts 32 bits wide.
+        if not 2 <= self.anchors <= 128:
+            raise ValueError(f"anchors: {self.anchors} is not from 2 to 128")
+
 
 class Anchors(eqx.Module):
     """The anchor points of one scan, most salient first, padded to a fixed capacity."""

@@ -52,6 +52,8 @@ class Segments(eqx.Module):
     """Metres that a beam without return is known to be free."""
     angle_min: Float[Array, ""]
     """Bearing of the first entry in radians."""
+    angle_increment: Float[Array, ""]
+    """Radians to the next entry."""
 
 
 def segment(scan: Scan, config: SegmentConfig) -> Segments:
@@ -70,10 +72,8 @@ def segment(scan: Scan, config: SegmentConfig) -> Segments:
 
     # Unroll after the first break; a closed room has none, and is cut where the surface is
     # straightest over a few beams to each side: on a face, not at a corner.
-    nearest = _straightest(scan)
-    first = jnp.where(
-        jnp.all(linked | ~scan.real), nearest, wrapped[jnp.argmax(~linked & scan.real)]
-    )
+    cut = _straightest(scan)
+    first = jnp.where(jnp.all(linked | ~scan.real), cut, wrapped[jnp.argmax(~linked & scan.real)])
     turned = jnp.where(index + first < scan.beams, index + first, index + first - scan.beams)
     beam = jnp.where(scan.full_turn & scan.real, turned, index)
 
@@ -101,6 +101,7 @@ def segment(scan: Scan, config: SegmentConfig) -> Segments:
         next=jnp.where(index + 1 < scan.beams, index + 1, jnp.where(scan.full_turn, 0, index)),
         range_max=scan.range_max,
         angle_min=scan.angle_min + beam[0].astype(jnp.float32) * scan.angle_increment,
+        angle_increment=scan.angle_increment * jnp.ones(()),
     )
 
 

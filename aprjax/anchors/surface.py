@@ -6,6 +6,7 @@ hits lie too far apart for a line does it grow with their spacing.
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from aprjax.anchors.segment import Segments
@@ -21,7 +22,6 @@ class SurfaceConfig(eqx.Module):
         3.2, "window in spacings of the hits, where that is more"
     )
     samples: int = capacity(10, "hits used of each side, evenly spread")
-    reach: int = capacity(127, "most beams looked at to each side")
 
 
 class Face(eqx.Module):
@@ -71,9 +71,13 @@ def _side(
 
     window = jnp.maximum(config.window**2, config.spacings**2 * square(jnp.minimum(room, 1)))
 
-    # Chords grow along a surface, so the window's last beam is found by bisection.
+    # Chords grow along a surface, so the window's last beam is found by bisection; but not
+    # right around a room, so that an eighth of a turn is the most that is looked at.
+    eighth = jnp.ceil(0.25 * np.pi / jnp.abs(segments.angle_increment))
+    slots = segments.xy.shape[0]
+    room = jnp.minimum(room, jnp.minimum(eighth, slots).astype(jnp.int32))
     count = jnp.zeros_like(room)
-    for bit in reversed(range(config.reach.bit_length())):
+    for bit in reversed(range((slots // 2).bit_length())):
         longer = jnp.minimum(count + (1 << bit), room)
         count = jnp.where(square(longer) <= window, longer, count)
 

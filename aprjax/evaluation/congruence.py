@@ -25,7 +25,7 @@ class CongruenceConfig(eqx.Module):
 
     tolerance: Float[Array, ""] = threshold(0.08, "metres between real and synthetic range")
     relative: Float[Array, ""] = threshold(0.015, "the same, per metre of range")
-    beams: int = capacity(128, "about how many beams of the front scan are compared")
+    beams: int = capacity(128, "most beams of the front scan that are compared")
     quality: QualityConfig = QualityConfig()
 
 
@@ -46,13 +46,14 @@ def congruence(
     """The real front scan against the synthetic one, beam by beam.
 
     A beam that stops short of the synthetic surface contradicts only if the overview scan saw
-    free space there; otherwise something was hidden from the overview.
+    free space there; otherwise something was hidden from the overview. Beams without return say
+    nothing: glass and dark or grazed surfaces return as little as free space.
     """
-    stride = -(-front.xy.shape[0] // config.beams)
-    hit, measured, xy = front.hit[::stride], front.range[::stride], front.xy[::stride]
-    inverse_range = synthetic_scan(overview, T_front_overview, front.bearings[::stride])
+    beam, real = front.thin(config.beams)
+    hit, xy = front.hit[beam] & real, front.xy[beam]
+    inverse_range = synthetic_scan(overview, T_front_overview, front.bearings[beam])
     known = hit & (inverse_range > 0)
-    measured = jnp.where(hit, measured, 0.0)
+    measured = jnp.where(hit, front.range[beam], 0.0)
     beyond = measured - 1.0 / jnp.where(known, inverse_range, 1.0)
     tolerance = config.tolerance + config.relative * measured
     agree = known & (jnp.abs(beyond) <= tolerance)
@@ -72,7 +73,8 @@ def congruence(
 def sees(overview: View, front_xy: Float[Array, "2"]) -> Bool[Array, ""]:
     """Whether the overview scan contains the front scan's sensing position (paper 2.D)."""
     index, visible = overview.look_up(front_xy[None])
-    return (visible & (overview.range[index] > safe_norm(front_xy[None])))[0]
+    distance = safe_norm(front_xy[None])
+    return ((visible & (overview.range[index] > distance)) | (distance < 1e-3))[0]
 
 
 def quality(

@@ -22,7 +22,7 @@ class ScreenConfig(eqx.Module):
     tolerance: Float[Array, ""] = threshold(0.15, "metres off the other scan's range")
     relative: Float[Array, ""] = threshold(0.02, "the same, per metre of range")
     quality: QualityConfig = QualityConfig()
-    points: int = capacity(48, "about how many end points of each scan")
+    points: int = capacity(48, "most end points of each scan")
 
 
 def screen(
@@ -41,9 +41,9 @@ def screen(
 
 def _one_way(other: View, ours: View, T_other_ours: Pose, config: ScreenConfig) -> Verdicts:
     """How our end points lie in the other view. What lies behind its surfaces says nothing."""
-    stride = -(-ours.xy.shape[0] // config.points)
-    hit = ours.hit[::stride]
-    xy = transform(T_other_ours, ours.xy[::stride])
+    beam, real = ours.thin(config.points)
+    hit = ours.hit[beam] & real
+    xy = transform(T_other_ours, ours.xy[beam])
     distance = safe_norm(xy)
     index, visible = other.look_up(xy)
     beyond = distance - other.range[index]

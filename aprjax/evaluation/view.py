@@ -27,7 +27,7 @@ class View(eqx.Module):
     xy: Float[Array, "*batch slots 2"]
     """Hit points in metres; zero where there is none."""
     range: Float[Array, "*batch slots"]
-    """Metres; infinite for no return, zero where nothing is known."""
+    """Metres; the range limit for no return, zero where nothing is known."""
     hit: Bool[Array, "*batch slots"]
     linked: Bool[Array, "*batch slots"]
     """This hit and the next are on the same surface."""
@@ -45,13 +45,24 @@ class View(eqx.Module):
         steps = jnp.arange(self.xy.shape[-2]).astype(jnp.float32)
         return self.angle_min + steps * self.angle_increment
 
+    def thin(self, size: int) -> tuple[Int[Array, " size"], Bool[Array, " size"]]:
+        """At most `size` entries evenly spread over the beams, and which of them are real.
+
+        They depend on the number of beams, not of slots: padding changes nothing.
+        """
+        size = min(size, self.xy.shape[-2])
+        k = jnp.arange(size)
+        return jnp.where(self.beams > size, k * self.beams // size, k), k < self.beams
+
     def look_up(
         self, xy: Float[Array, "points 2"]
     ) -> tuple[Int[Array, " points"], Bool[Array, " points"]]:
         """The entry nearest in bearing to each point, and whether it is in the field of view."""
         bearing = jnp.arctan2(xy[:, 1], xy[:, 0])
-        turned = jnp.mod((bearing - self.angle_min) * jnp.sign(self.angle_increment), 2 * np.pi)
-        step = jnp.round(turned / jnp.abs(self.angle_increment)).astype(jnp.int32)
+        width = jnp.abs(self.angle_increment)
+        turned = (bearing - self.angle_min) * jnp.sign(self.angle_increment)
+        # Half a beam before the first one is still in view.
+        step = jnp.floor(jnp.mod(turned + 0.5 * width, 2 * np.pi) / width).astype(jnp.int32)
         step = jnp.where(self.full_turn & (step >= self.beams), 0, step)
         return jnp.minimum(step, self.beams - 1), step < self.beams
 
@@ -63,12 +74,12 @@ def view(scan: Scan, segments: Segments, surface: Surface, config: ViewConfig) -
     normal = jnp.stack([-jnp.sin(through.direction), jnp.cos(through.direction)], axis=-1)
     return View(
         xy=segments.xy,
-        range=segments.range,
+        range=jnp.where(jnp.isinf(segments.range), scan.range_max, segments.range),
         hit=segments.hit,
         linked=segments.hit & (segments.after > 0),
         normal=jnp.where(smooth[:, None], normal, 0.0),
         angle_min=segments.angle_min,
-        angle_increment=scan.angle_increment * jnp.ones(()),
+        angle_increment=segments.angle_increment,
         beams=scan.beams * jnp.ones((), jnp.int32),
         full_turn=scan.full_turn,
     )
