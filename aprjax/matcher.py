@@ -41,7 +41,7 @@ class MatchConfig(eqx.Module):
     top_k: int | None = capacity(None, "references aligned, those of the highest q_m; None is all")
     kept: int | None = capacity(20, "alternatives that pass the screen; None is all, no cascade")
     hypotheses: int = capacity(5, "K, the most hypotheses of a query")
-    chunk: int = capacity(16, "queries worked on at a time, which bounds the memory")
+    chunk: int = capacity(32, "queries worked on at a time, which bounds the memory")
 
     def __check_init__(self) -> None:
         for name in ("top_k", "kept", "hypotheses", "chunk"):

@@ -1,15 +1,19 @@
 """`aprjax info`: what a file is and what it holds."""
 
 import argparse
-import functools
 import json
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from aprjax.io.carmen import LogReport
-    from aprjax.scan import Scan
+import jax
+import numpy as np
+
+from aprjax.anchors.extract import Anchors, ExtractionConfig, extract
+from aprjax.cli.inputs import holds_references, open_references, read_scans
+from aprjax.io.carmen import LogReport
+from aprjax.io.reference_file import VERSION
+from aprjax.scan import Scan
 
 _SAMPLE = 64  # scans of which anchors are counted
 
@@ -26,8 +30,6 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
 
 def run(arguments: argparse.Namespace) -> None:
     """Carry out the subcommand. Raises `CommandError` and `OSError`."""
-    from aprjax.cli.inputs import holds_references
-
     path = arguments.file
     facts = _reference_facts(path) if holds_references(path) else _log_facts(path)
     # A name that is no Unicode must not stop the print.
@@ -40,8 +42,6 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _log_facts(path: Path) -> dict[str, Any]:
-    from aprjax.cli.inputs import read_scans
-
     scans, report = read_scans(path)
     return {
         "kind": "CARMEN log",
@@ -60,15 +60,13 @@ def _log_facts(path: Path) -> dict[str, Any]:
     }
 
 
-def _odometry(report: "LogReport") -> bool:
+def _odometry(report: LogReport) -> bool:
     """Whether entries of the log have odometry that moves."""
     return report.moved > 0 if report.messages["ODOM"] else report.lasers[0].startswith("ROBOT")
 
 
-def _scan_facts(scans: list["Scan"]) -> dict[str, Any]:
+def _scan_facts(scans: list[Scan]) -> dict[str, Any]:
     """Beams, angles and limits as the range over all scans, and what the beams met."""
-    import numpy as np
-
     beams = hits = free = 0
     for scan in scans:
         ranges = np.asarray(scan.ranges)
@@ -98,34 +96,20 @@ def _span(values: list[Any], digits: int | None = None) -> Any:
     return low if low == high else [low, high]
 
 
-def _mean_anchors(scans: list["Scan"]) -> float:
+def _mean_anchors(scans: list[Scan]) -> float:
     """Mean number of anchors of a few scans, evenly spread."""
-    import numpy as np
-
-    from aprjax.anchors.extract import ExtractionConfig
-    from aprjax.scan import Scan
-
     count = min(len(scans), _SAMPLE)
     sample = Scan.stack([scans[i * len(scans) // count] for i in range(count)])
-    found = _extractor()(sample.pad_batch(_SAMPLE), ExtractionConfig())
+    found = _extract(sample.pad_batch(_SAMPLE), ExtractionConfig())
     return round(float(np.sum(found.valid)) / count, 2)
 
 
-@functools.cache
-def _extractor() -> Any:
-    import jax
-
-    from aprjax.anchors.extract import extract
-
-    return jax.jit(jax.vmap(extract, (0, None)))
+@jax.jit
+def _extract(scans: Scan, config: ExtractionConfig) -> Anchors:
+    return jax.vmap(extract, (0, None))(scans, config)
 
 
 def _reference_facts(path: Path) -> dict[str, Any]:
-    import numpy as np
-
-    from aprjax.cli.inputs import open_references
-    from aprjax.io.reference_file import VERSION
-
     references = open_references(path)
     index = references.index
     anchors = np.asarray(index.features.anchors.valid)[: len(references)]

@@ -6,16 +6,23 @@ import tempfile
 import time
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import jax
+import numpy as np
+
+from aprjax.anchors.extract import ExtractionConfig
 from aprjax.cli.errors import CommandError
+from aprjax.cli.inputs import holds_references, open_references, read_scans, warn_of_damage
 from aprjax.cli.outputs import check_output
 from aprjax.cli.progress import Progress
-
-if TYPE_CHECKING:  # jax takes seconds to import, and --help need not wait for it
-    from aprjax.matcher import MatchConfig
-    from aprjax.references import ReferenceSet
-    from aprjax.scan import Scan
+from aprjax.features import FeatureConfig
+from aprjax.io.reference_file import save_references
+from aprjax.io.tables import write_matches
+from aprjax.matcher import MatchConfig, match_batch
+from aprjax.references import ReferenceSet
+from aprjax.scan import Scan
+from aprjax.status import Status
 
 _PIECE = 64  # most queries of a call
 
@@ -82,8 +89,6 @@ def run(arguments: argparse.Namespace) -> None:
 
     queries, references = _read(arguments)
     if arguments.save_references:
-        from aprjax.io.reference_file import save_references
-
         save_references(references, arguments.save_references)
 
     results, seconds = _match(queries, references, _config(arguments))
@@ -91,11 +96,8 @@ def run(arguments: argparse.Namespace) -> None:
     _summarise(len(references), results, seconds)
 
 
-def _read(arguments: argparse.Namespace) -> tuple[list["Scan"], "ReferenceSet"]:
+def _read(arguments: argparse.Namespace) -> tuple[list[Scan], ReferenceSet]:
     """The query scans, and the references with their features."""
-    from aprjax.cli.inputs import holds_references, open_references, read_scans, warn_of_damage
-    from aprjax.references import ReferenceSet
-
     # Both files are read before anything is computed, so that a bad one is found at once.
     path, strict = arguments.references, arguments.strict
     log = None if holds_references(path) else read_scans(path, strict=strict)
@@ -114,16 +116,13 @@ def _read(arguments: argparse.Namespace) -> tuple[list["Scan"], "ReferenceSet"]:
     return queries, references
 
 
-def _feature_config(anchors: int | None) -> Any:
-    from aprjax.configuration import from_dict
-    from aprjax.features import FeatureConfig
+def _feature_config(anchors: int | None) -> FeatureConfig:
+    if anchors is None:
+        return FeatureConfig()
+    return FeatureConfig(extraction=ExtractionConfig(anchors=anchors))
 
-    return from_dict(FeatureConfig, {"extraction": {"anchors": anchors}} if anchors else {})
 
-
-def _config(arguments: argparse.Namespace) -> "MatchConfig":
-    from aprjax.matcher import MatchConfig
-
+def _config(arguments: argparse.Namespace) -> MatchConfig:
     kept = MatchConfig().kept
     if kept is not None:
         kept = None if arguments.no_cascade else max(kept, arguments.hypotheses)
@@ -136,19 +135,12 @@ def _config(arguments: argparse.Namespace) -> "MatchConfig":
 
 
 def _match(
-    queries: list["Scan"], references: "ReferenceSet", config: "MatchConfig"
+    queries: list[Scan], references: ReferenceSet, config: MatchConfig
 ) -> tuple[dict[str, Any], list[tuple[int, float]]]:
     """The columns of the result table, and the queries and seconds of each piece.
 
     The pieces are of one size, so that one compilation, in the first, serves all.
     """
-    import jax
-    import numpy as np
-
-    from aprjax.matcher import match_batch
-    from aprjax.scan import Scan
-    from aprjax.status import Status
-
     stacked = Scan.stack(queries)
     count = len(queries)
     pieces = -(-count // _PIECE)
@@ -180,8 +172,6 @@ def _match(
 
 
 def _write(out: str, results: dict[str, Any]) -> None:
-    from aprjax.io.tables import write_matches
-
     if out != "-":
         write_matches(out, **results)
         return

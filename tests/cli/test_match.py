@@ -144,7 +144,7 @@ def test_options_arrive_in_the_configuration(logs, command, monkeypatch):
         seen.append((config, references.index.config))
         return real(scans, references)
 
-    monkeypatch.setattr(aprjax.matcher, "match_batch", spy)
+    monkeypatch.setattr(cli_match, "match_batch", spy)
     options = ("--top-k", 3, "--hypotheses", 2, "--min-quality", 0.25, "--no-cascade")
     assert command("match", *logs, "--out", "-", *options)[0] == 0
     config = seen[-1][0]
@@ -205,7 +205,7 @@ def forbid_matching(monkeypatch):
     def never(*arguments):
         raise AssertionError("the long computation was started")
 
-    monkeypatch.setattr(aprjax.matcher, "match_batch", never)
+    monkeypatch.setattr(cli_match, "match_batch", never)
 
 
 @pytest.mark.parametrize("option", ["--out", "--save-references"])
@@ -243,7 +243,7 @@ def test_interruption_is_one_line(logs, tmp_path, command, monkeypatch):
     def interrupt(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(aprjax.matcher, "match_batch", interrupt)
+    monkeypatch.setattr(cli_match, "match_batch", interrupt)
     status, _, err = command("match", *logs, "--out", tmp_path / "m.csv")
     assert (status, err) == (130, "aprjax: interrupted\n")
     assert not list(tmp_path.iterdir())
@@ -285,7 +285,7 @@ def test_the_progress_of_a_terminal_ends_its_line_before_an_error(
     def interrupt(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(aprjax.matcher, "match_batch", interrupt)
+    monkeypatch.setattr(cli_match, "match_batch", interrupt)
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     _, _, err = command("match", *logs, "--out", "-")
     assert err.startswith("\rmatching [....")
