@@ -24,7 +24,7 @@ from aprjax.references import ReferenceSet
 from aprjax.scan import Scan
 from aprjax.status import Status
 
-_PIECE = 64  # most queries of a call
+_PIECES = (128, 96, 64, 32)  # queries of a call: whole chunks of the matcher
 
 
 def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -143,8 +143,8 @@ def _match(
     """
     stacked = Scan.stack(queries)
     count = len(queries)
-    pieces = -(-count // _PIECE)
-    size = -(-count // pieces)
+    # The size that leaves the last piece fullest.
+    size = min(count, min(_PIECES, key=lambda size: -(-count // size) * size))
     columns: list[dict[str, Any]] = []
     seconds: list[tuple[int, float]] = []
     with Progress("matching", count) as progress:

@@ -107,7 +107,7 @@ def assert_same_values(rows, expected):
 
 def test_pieces_change_nothing(logs, table, tmp_path, command, monkeypatch):
     # 17, 17 and 16 queries: a piece of 17 compiles to the same shape as the table's 20.
-    monkeypatch.setattr(cli_match, "_PIECE", 20)
+    monkeypatch.setattr(cli_match, "_PIECES", (20,))
     lines = lines_of(logs[1])
     longer = write(tmp_path / "longer.log", [*lines, *lines, *lines[:10]])
     status, out, err = command("match", logs[0], longer, "--out", "-")
