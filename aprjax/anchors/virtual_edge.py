@@ -16,7 +16,7 @@ from aprjax.anchors.candidates import Candidates, Kind
 from aprjax.anchors.segment import Segments
 from aprjax.anchors.surface import Surface
 from aprjax.configuration import capacity, threshold
-from aprjax.numerics import wrap
+from aprjax.numerics import safe_arctan2, wrap
 
 
 class VirtualEdgeConfig(eqx.Module):
@@ -152,9 +152,7 @@ def _lines_along(
         centre = jnp.sum(share[:, None] * xy, axis=0)
         x, y = jnp.moveaxis(xy - centre[None, :], -1, 0)
         xx, yy, cross = (jnp.sum(share * product) for product in (x * x, y * y, x * y))
-        fitted = jnp.where(
-            total > 0, 0.5 * jnp.arctan2(2 * cross, jnp.where(total > 0, xx - yy, 1.0)), 0.0
-        )
+        fitted = 0.5 * safe_arctan2(2 * cross, xx - yy)
         along = x * jnp.cos(fitted) + y * jnp.sin(fitted)
         return Lines(
             centre=centre,
