@@ -6,7 +6,7 @@ of it, because the field of view ends, or because the next beam says nothing, th
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.anchors.candidates import Candidates, Kind
 from aprjax.anchors.segment import Segments
@@ -33,7 +33,15 @@ def jump_edges(segments: Segments, config: JumpEdgeConfig) -> Candidates:
     return Candidates.join(before, after)
 
 
-def _ends(segments, beyond, ends, room, inward, config) -> Candidates:
+def _ends(
+    segments: Segments,
+    beyond: Int[Array, " slots"],
+    ends: Bool[Array, " slots"],
+    room: Int[Array, " slots"],
+    inward: int,
+    config: JumpEdgeConfig,
+) -> Candidates:
+    """The candidates at one end of the parts; `beyond` is the neighbour past it."""
     index = jnp.arange(segments.xy.shape[0])
     far = segments.range[beyond]
     far = jnp.where(jnp.isinf(far), segments.range_max, far)
