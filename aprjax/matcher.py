@@ -38,6 +38,7 @@ class MatchConfig(eqx.Module):
     distinct_distance: Float[Array, ""] = threshold(0.3, "metres between distinct hypotheses")
     distinct_angle: Float[Array, ""] = threshold(0.2, "radians, likewise")
     rival: Float[Array, ""] = threshold(0.9, "share of the best e_m that makes a rival")
+    confident: Float[Array, ""] = threshold(0.6, "least e_m of an answer that may be acted on")
     top_k: int | None = capacity(None, "references aligned, those of the highest q_m; None is all")
     kept: int | None = capacity(20, "alternatives that pass the screen; None is all, no cascade")
     hypotheses: int = capacity(5, "K, the most hypotheses of a query")
@@ -86,6 +87,9 @@ class MatchResult(eqx.Module):
     agreeing_beams: Int[Array, "*batch K"]
     """Compared beams, of both scans, that agree with the synthetic scans."""
     valid: Bool[Array, "*batch K"]
+    confident: Bool[Array, "*batch"]
+    """Whether the best hypothesis may be acted on: its e_m reaches `MatchConfig.confident`, and
+    no rival explains the scan about as well. Where it is false, the robot is lost."""
     counts: Counts
     status: Int[Array, "*batch"]
     """A `Status`."""
@@ -214,6 +218,7 @@ def _match_one(
         alternatives=jnp.sum(aligned.valid, dtype=jnp.int32),
         evaluated=jnp.sum(kept.valid, dtype=jnp.int32),
     )
+    answer = valid[0] & ~rival & (e_m[best[0]] >= config.confident)
     return MatchResult(
         reference=jnp.where(valid, references.ids[row[best]], -1),
         T_ref_query=pick(refined.T_ref_query),
@@ -223,6 +228,7 @@ def _match_one(
         agreeing_anchors=pick(kept.anchors),
         agreeing_beams=pick(beams.astype(jnp.int32)),
         valid=valid,
+        confident=answer,
         counts=counts,
         status=_status(counts, valid[0], rival),
     )
