@@ -9,18 +9,24 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from aprjax.alignment.align import AlignmentConfig, Alternatives, align
+from aprjax.alignment.align import AlignmentConfig, Alternatives, agreement, align
 from aprjax.configuration import capacity, threshold
 from aprjax.evaluation.congruence import CongruenceConfig, congruence, quality, sees
-from aprjax.evaluation.screen import ScreenConfig, screen
+from aprjax.evaluation.distinctiveness import (
+    DistinctivenessConfig,
+    distinct_quality,
+    rivalry,
+    same_pose,
+)
 from aprjax.evaluation.view import View
 from aprjax.features import Features, describe
-from aprjax.numerics import bucket, wrap
+from aprjax.numerics import bucket
 from aprjax.references import ReferenceIndex, ReferenceSet
 from aprjax.refine import RefineConfig, refine
 from aprjax.relations.histograms import matching_angles, preselection_quality
 from aprjax.scan import Scan
 from aprjax.se2 import Pose, inverse
+from aprjax.shortlist import ShortlistConfig, all_alternatives, shortlist
 from aprjax.status import Status
 
 
@@ -31,21 +37,19 @@ class MatchConfig(eqx.Module):
     """
 
     alignment: AlignmentConfig = AlignmentConfig()
-    screen: ScreenConfig = ScreenConfig()
+    shortlist: ShortlistConfig = ShortlistConfig()
     refine: RefineConfig = RefineConfig()
     congruence: CongruenceConfig = CongruenceConfig()
+    distinctiveness: DistinctivenessConfig = DistinctivenessConfig()
     min_quality: Float[Array, ""] = threshold(0.0, "least e_m of a hypothesis")
-    distinct_distance: Float[Array, ""] = threshold(0.3, "metres between distinct hypotheses")
-    distinct_angle: Float[Array, ""] = threshold(0.2, "radians, likewise")
-    rival: Float[Array, ""] = threshold(0.9, "share of the best e_m that makes a rival")
     confident: Float[Array, ""] = threshold(0.6, "least e_m of an answer that may be acted on")
     top_k: int | None = capacity(None, "references aligned, those of the highest q_m; None is all")
-    kept: int | None = capacity(20, "alternatives that pass the screen; None is all, no cascade")
+    cascade: bool = capacity(True, "whether only a shortlist of alternatives is fully evaluated")
     hypotheses: int = capacity(5, "K, the most hypotheses of a query")
     chunk: int = capacity(32, "queries worked on at a time, which bounds the memory")
 
     def __check_init__(self) -> None:
-        for name in ("top_k", "kept", "hypotheses", "chunk"):
+        for name in ("top_k", "hypotheses", "chunk"):
             value = getattr(self, name)
             if value is not None and value < 1:
                 raise ValueError(f"{name}: {value} is not a positive number")
@@ -83,7 +87,7 @@ class MatchResult(eqx.Module):
     preselection: Float[Array, "*batch K"]
     """q_m of the reference."""
     agreeing_anchors: Int[Array, "*batch K"]
-    """Anchors of the query with a counterpart in the reference, before refinement."""
+    """Anchors of the query with a counterpart in the reference."""
     agreeing_beams: Int[Array, "*batch K"]
     """Compared beams, of both scans, that agree with the synthetic scans."""
     valid: Bool[Array, "*batch K"]
@@ -185,27 +189,36 @@ def _match_one(
     aligned = eqx.tree_at(
         lambda a: a.valid, aligned, aligned.valid & references.valid[rows][:, None]
     )
-    kept, row = _screened(aligned, rows, references.features.view, query.view, config)
+    views = references.features.view
+    listed = (
+        shortlist(aligned, rows, views, query.view, config.shortlist)
+        if config.cascade
+        else all_alternatives(aligned, rows)
+    )
+    kept, row = listed.alternatives, listed.row
 
     def evaluate(alternative: Alternatives, row: Int[Array, ""]):
-        reference = jax.tree.map(lambda array: array[row], references.features.view)
-        refined = refine(reference, query.view, alternative.T_ref_query, config.refine)
+        reference = jax.tree.map(lambda array: array[row], references.features)
+        refined = refine(reference.view, query.view, alternative.T_ref_query, config.refine)
         T_ref_query = refined.T_ref_query
-        ahead = congruence(reference, query.view, inverse(T_ref_query), config.congruence)
-        back = congruence(query.view, reference, T_ref_query, config.congruence)
+        ahead = congruence(reference.view, query.view, inverse(T_ref_query), config.congruence)
+        back = congruence(query.view, reference.view, T_ref_query, config.congruence)
+        agree = agreement(reference.graph, query.graph, T_ref_query, config.alignment.agreement)
+        anchors = jnp.sum(jnp.any(agree, axis=0), dtype=jnp.int32)
         e_m = quality(
             ahead,
             back,
-            sees(reference, T_ref_query[:2]),
+            sees(reference.view, T_ref_query[:2]),
             sees(query.view, inverse(T_ref_query)[:2]),
-            alternative.anchors,
+            anchors,
             config.congruence.quality,
         )
-        return refined, e_m, ahead.agree + back.agree
+        return refined, e_m, anchors, ahead.agree + back.agree
 
-    refined, e_m, beams = jax.vmap(evaluate)(kept, row)
-    accepted = kept.valid & (e_m >= config.min_quality) & (e_m > 0)
-    best, valid, rival = _distinct(refined.T_ref_query, row, e_m, accepted, config)
+    refined, e_m, anchors, beams = jax.vmap(evaluate)(kept, row)
+    e_m = jnp.where(kept.valid, e_m, 0.0)
+    best, qualities, rival = _ranked(refined.T_ref_query, row, e_m, views, config)
+    valid = (qualities >= config.min_quality) & (qualities > 0)
 
     def pick(array):
         mask = valid.reshape(valid.shape + (1,) * (array.ndim - 1))
@@ -218,17 +231,16 @@ def _match_one(
         alternatives=jnp.sum(aligned.valid, dtype=jnp.int32),
         evaluated=jnp.sum(kept.valid, dtype=jnp.int32),
     )
-    answer = valid[0] & ~rival & (e_m[best[0]] >= config.confident)
     return MatchResult(
         reference=jnp.where(valid, references.ids[row[best]], -1),
         T_ref_query=pick(refined.T_ref_query),
         covariance=pick(refined.covariance),
-        quality=pick(e_m),
+        quality=jnp.where(valid, qualities, 0.0),
         preselection=pick(q_m[row]),
-        agreeing_anchors=pick(kept.anchors),
+        agreeing_anchors=pick(anchors),
         agreeing_beams=pick(beams.astype(jnp.int32)),
         valid=valid,
-        confident=answer,
+        confident=valid[0] & ~rival & (qualities[0] >= config.confident),
         counts=counts,
         status=_status(counts, valid[0], rival),
     )
@@ -245,60 +257,38 @@ def _preselected(
     return jnp.sort(rows)
 
 
-def _screened(
-    aligned: Alternatives,
-    rows: Int[Array, " candidates"],
-    references: View,
-    query: View,
-    config: MatchConfig,
-) -> tuple[Alternatives, Int[Array, " kept"]]:
-    """The alternatives worth a synthetic scan, over all references, and their rows."""
-    per_reference = aligned.valid.shape[1]
-    everything = jax.tree.map(lambda array: array.reshape(-1, *array.shape[2:]), aligned)
-    if config.kept is None or config.kept >= everything.valid.shape[0]:
-        return everything, jnp.repeat(rows, per_reference)
-
-    def rough(row, found):
-        reference = jax.tree.map(lambda array: array[row], references)
-        return jax.vmap(lambda T, a: screen(reference, query, T, a, config.screen))(
-            found.T_ref_query, found.anchors
-        )
-
-    score = jax.vmap(rough)(rows, aligned)
-    score = jnp.where(aligned.valid, score, -1.0).reshape(-1)
-    _, index = jax.lax.top_k(score, config.kept)
-    index = jnp.sort(index)  # by reference again, so that ties go to the lowest id
-    return jax.tree.map(lambda array: array[index], everything), rows[index // per_reference]
-
-
-def _distinct(
+def _ranked(
     T_ref_query: Pose,
     row: Int[Array, " kept"],
     e_m: Float[Array, " kept"],
-    accepted: Bool[Array, " kept"],
+    references: View,
     config: MatchConfig,
-) -> tuple[Int[Array, " K"], Bool[Array, " K"], Bool[Array, ""]]:
-    """The K best alternatives, each a different reference or pose, and whether one is a rival.
+) -> tuple[Int[Array, " K"], Float[Array, " K"], Bool[Array, ""]]:
+    """The K best alternatives, their qualities, and whether the best one has an equal rival.
 
     Alternatives of one reference that refinement brought to the same pose are one hypothesis.
-    Another pose in the best one's own reference that is about as good is a rival; whether two
-    references show the same place is not known here.
     """
-
-    def same_pose(best: Int[Array, ""]) -> Bool[Array, " kept"]:
-        gap = jnp.sum((T_ref_query[:, :2] - T_ref_query[best, None, :2]) ** 2, axis=-1)
-        turn = jnp.abs(wrap(T_ref_query[:, 2] - T_ref_query[best, 2]))
-        return (gap < config.distinct_distance**2) & (turn < config.distinct_angle)
+    rules = config.distinctiveness
 
     def choose(left, _):
-        best = jnp.argmax(jnp.where(left, e_m, -1.0))
-        same = (row == row[best]) & same_pose(best)
-        return left & ~same, (best, left[best])
+        best = jnp.argmax(left)
+        same = (row == row[best]) & same_pose(T_ref_query, T_ref_query[best][None], rules)
+        return jnp.where(same, 0.0, left).at[best].set(0.0), (best, left[best])
 
-    _, (best, valid) = jax.lax.scan(choose, accepted, length=config.hypotheses)
-    first = best[0]
-    elsewhere = accepted & (row == row[first]) & ~same_pose(first)
-    return best, valid, jnp.any(elsewhere & (e_m >= config.rival * e_m[first]))
+    size = max(rules.rivals, config.hypotheses)
+    _, (best, e_m) = jax.lax.scan(choose, e_m, length=size)
+    excluding = jax.vmap(rivalry, (None, 0, None, 0, None, None, None))(
+        row[best[0]],
+        row[best],
+        T_ref_query[best[0]],
+        T_ref_query[best],
+        references,
+        config.congruence,
+        rules,
+    )
+    quality, strongest = distinct_quality(e_m, excluding, rules)
+    _, order = jax.lax.top_k(quality, config.hypotheses)
+    return best[order], quality[order], (strongest > 0) & (strongest >= rules.equal * e_m[0])
 
 
 def _status(counts: Counts, accepted: Bool[Array, ""], rival: Bool[Array, ""]) -> Int[Array, ""]:

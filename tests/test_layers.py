@@ -25,6 +25,7 @@ ORDER = [
     "alignment",
     "evaluation",
     "refine",
+    "shortlist",
     "features",
     "references",
     "matcher",

@@ -141,13 +141,13 @@ def test_results_are_finite_ranked_and_consistent(scene, result):
 
 
 def test_hypotheses_of_one_query_are_distinct(result):
-    config = MatchConfig()
+    rules = MatchConfig().distinctiveness
     for index in range(QUERIES):
         one = row(result, index)
         for i in range(one.valid.sum()):
             for j in range(i):
                 distance, angle = oracle.error(one.T_ref_query[i], one.T_ref_query[j])
-                apart = distance >= config.distinct_distance or angle >= config.distinct_angle
+                apart = distance >= rules.distance or angle >= rules.angle
                 assert one.reference[i] != one.reference[j] or apart
 
 
@@ -357,12 +357,14 @@ def test_removed_references_are_never_returned_and_added_ones_are(scene, result)
     found = to_numpy(match_batch(scene.queries, fewer))
     assert_consistent(found, fewer)
     stays = ~np.isin(result.reference[:, 0], [1, 6])
-    assert_same_best(found, result, stays, pose=1e-4, quality=1e-3)
+    # Without its rivals an answer is more certain.
+    assert_same_best(found, result, stays, pose=1e-4, quality=0.15)
+    assert np.all(found.quality[stays, 0] >= result.quality[stays, 0] - 1e-3)
     again = fewer.add([scene.reference_scans[1]])
     found = to_numpy(match_batch(scene.queries, again))
     back = np.where(result.reference == 1, REFERENCES, result.reference)
     expected = eqx.tree_at(lambda r: r.reference, result, back)
-    assert_same_best(found, expected, result.reference[:, 0] != 6, pose=1e-4, quality=1e-3)
+    assert_same_best(found, expected, result.reference[:, 0] != 6, pose=1e-4, quality=0.15)
 
 
 # Outcomes
@@ -460,17 +462,19 @@ def test_the_references_of_the_highest_q_m_are_aligned(scene, result, top_k):
     chosen |= (top_k == 1) & (result.reference[:, 0] == np.argmax(all_q_m, axis=1))
     chosen &= right(scene, result)
     assert chosen.sum() >= 3 * top_k
-    assert_same_best(found, result, chosen & (found.status == result.status))
+    # Fewer references, fewer rivals.
+    assert_same_best(found, result, chosen & (found.status == result.status), quality=0.15)
     np.testing.assert_array_equal(found.reference[chosen, 0], result.reference[chosen, 0])
 
 
 def test_without_the_cascade_its_hypotheses_are_found_too(scene, result):
-    found = to_numpy(match_batch(scene.queries, scene.references, MatchConfig(kept=None)))
+    found = to_numpy(match_batch(scene.queries, scene.references, MatchConfig(cascade=False)))
     assert_consistent(found, scene.references)
     np.testing.assert_array_equal(found.counts.evaluated, found.counts.alternatives)
-    kept = np.minimum(result.counts.alternatives, MatchConfig().kept)
+    kept = np.minimum(result.counts.alternatives, MatchConfig().shortlist.kept)
     np.testing.assert_array_equal(result.counts.evaluated, kept)
-    assert np.all(found.quality[:, 0] >= result.quality[:, 0] - 0.01)
+    # Where it finds one more rival, the answer is a little less certain.
+    np.testing.assert_allclose(found.quality[:, 0], result.quality[:, 0], atol=0.03)
     for index in range(QUERIES):
         full, best = row(found, index), row(result, index)
         near = [oracle.error(T, best.T_ref_query[0])[0] < 0.01 for T in full.T_ref_query]
@@ -509,7 +513,7 @@ def test_one_compilation_serves_all_scans_references_and_thresholds_of_a_bucket(
         match_batch(scene.queries[::-1][:queries], scene.references)
     for value in (0.1, 0.2, 0.5):
         for config in (
-            MatchConfig(min_quality=value, rival=value, distinct_distance=value),
+            MatchConfig(min_quality=value, confident=value),
             MatchConfig(refine=RefineConfig(gate=value)),
             MatchConfig(congruence=CongruenceConfig(tolerance=value, relative=0)),
         ):

@@ -22,7 +22,7 @@ class AlignmentConfig(eqx.Module):
     cluster: ClusterConfig = ClusterConfig()
     agreement: Float[Array, ""] = threshold(0.25, "metres between anchors that agree")
     min_anchors: Float[Array, ""] = threshold(2, "anchors that must agree")
-    maxima: int = capacity(6, "alternatives: maxima of the matrices of all rotations together")
+    maxima: int = capacity(12, "alternatives: maxima of the matrices of all rotations together")
 
 
 class Alternatives(eqx.Module):
@@ -51,8 +51,7 @@ def align(
     rotations = rotation_peaks(histogram, config.rotation)
     matrices = correspondence_matrices(reference, query, rotations.angle, config.correspondence)
     matrices = jnp.where((rotations.votes > 0)[:, None, None], matrices, 0)
-    real_query, real_reference = jnp.any(query.valid, axis=1), jnp.any(reference.valid, axis=1)
-    weight = real_query.astype(jnp.float32)
+    weight = jnp.any(query.valid, axis=1).astype(jnp.float32)
     weight = weight / jnp.maximum(jnp.sum(weight), 1.0)
     centre = jnp.sum(weight[:, None] * query.xy, axis=0)
 
@@ -61,9 +60,7 @@ def align(
         rotation = rotations.angle[r]
         found = contributions(reference, query, i, j, rotation, centre, config.correspondence)
         T_ref_query, size = centre_of_gravity(found, rotation, centre, config.cluster)
-        gap = reference.xy[:, None] - transform(T_ref_query, query.xy)[None, :]
-        agree = jnp.sum(gap * gap, axis=-1) <= config.agreement**2
-        agree = agree & real_reference[:, None] & real_query[None, :]
+        agree = agreement(reference, query, T_ref_query, config.agreement)
         anchors = jnp.sum(jnp.any(agree, axis=0), dtype=jnp.int32)
         enough = anchors.astype(jnp.float32) >= config.min_anchors
         alternative = Alternatives(
@@ -79,6 +76,15 @@ def align(
 
     _, found = jax.lax.scan(next_maximum, matrices, length=config.maxima)
     return found
+
+
+def agreement(
+    reference: AnchorGraph, query: AnchorGraph, T_ref_query: Pose, distance: Float[Array, ""]
+) -> Bool[Array, "n m"]:
+    """Which anchors of the reference and of the query come to lie within `distance` metres."""
+    gap = reference.xy[:, None] - transform(T_ref_query, query.xy)[None, :]
+    near = jnp.sum(gap * gap, axis=-1) <= distance**2
+    return near & jnp.any(reference.valid, axis=1)[:, None] & jnp.any(query.valid, axis=1)[None, :]
 
 
 def _maximum(array: Int[Array, "r n m"]) -> tuple[Int[Array, ""], tuple[Array, Array, Array]]:

@@ -15,9 +15,9 @@ from aprjax.numerics import safe_norm, wrap
 class AngleConfig(eqx.Module):
     """What counts as a corner."""
 
-    min_angle: Float[Array, ""] = threshold(0.3, "radians by which the surface must turn")
+    min_angle: Float[Array, ""] = threshold(0.15, "radians by which the surface must turn")
     max_angle: Float[Array, ""] = threshold(2.6, "radians; a sharper turn is a thin object's end")
-    min_spread: Float[Array, ""] = threshold(0.06, "metres: standard deviation along each face")
+    min_spread: Float[Array, ""] = threshold(0.03, "metres: standard deviation along each face")
     max_rms: Float[Array, ""] = threshold(0.05, "metres: standard deviation across each face")
     max_offset: Float[Array, ""] = threshold(0.15, "metres between the hit and the intersection")
     weight: Float[Array, ""] = threshold(1.0, "salience of a right angle between straight faces")

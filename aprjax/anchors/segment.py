@@ -21,8 +21,8 @@ class SegmentConfig(eqx.Module):
     incidence: Float[Array, ""] = threshold(
         0.14, "radians: shallowest angle between beam and surface at which it stays connected"
     )
-    min_extent: Float[Array, ""] = threshold(0.3, "metres from its first to its farthest point")
-    min_beams: Float[Array, ""] = threshold(5, "hits in a large part")
+    min_extent: Float[Array, ""] = threshold(0.2, "metres from its first to its farthest point")
+    min_beams: Float[Array, ""] = threshold(3, "hits in a large part")
 
 
 class Segments(eqx.Module):

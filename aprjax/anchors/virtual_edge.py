@@ -32,7 +32,7 @@ class VirtualEdgeConfig(eqx.Module):
     directions: int = capacity(4, "directions of surfaces")
     lines: int = capacity(4, "lines for each direction")
     direction_bins: int = capacity(90, "histogram bins over half a turn")
-    offset_bins: int = capacity(320, "bins of half a width: lines within 8 m of the laser")
+    offset_bins: int = capacity(800, "bins of half a width: lines within 20 m of the laser")
 
 
 class Lines(eqx.Module):

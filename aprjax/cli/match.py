@@ -22,6 +22,7 @@ from aprjax.io.tables import write_matches
 from aprjax.matcher import MatchConfig, match_batch
 from aprjax.references import ReferenceSet
 from aprjax.scan import Scan
+from aprjax.shortlist import ShortlistConfig
 from aprjax.status import Status
 
 _PIECES = (128, 96, 64, 32)  # queries of a call: whole chunks of the matcher
@@ -123,14 +124,13 @@ def _feature_config(anchors: int | None) -> FeatureConfig:
 
 
 def _config(arguments: argparse.Namespace) -> MatchConfig:
-    kept = MatchConfig().kept
-    if kept is not None:
-        kept = None if arguments.no_cascade else max(kept, arguments.hypotheses)
+    kept = max(ShortlistConfig().kept, arguments.hypotheses)
     return MatchConfig(
+        shortlist=ShortlistConfig(kept=kept),
         top_k=arguments.top_k,
+        cascade=not arguments.no_cascade,
         hypotheses=arguments.hypotheses,
         min_quality=arguments.min_quality,
-        kept=kept,
     )
 
 

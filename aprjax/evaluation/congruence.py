@@ -14,9 +14,8 @@ from aprjax.se2 import Pose, inverse, transform
 class QualityConfig(eqx.Module):
     """How much agreement makes a good match."""
 
-    doubt: Float[Array, ""] = threshold(
-        0.05, "contradicting beams assumed beforehand, as a share of the hits"
-    )
+    doubt: Float[Array, ""] = threshold(0.2, "doubtful beams assumed beforehand, a share of hits")
+    contradiction: Float[Array, ""] = threshold(1.5, "agreeing beams that one contradiction undoes")
     anchors: Float[Array, ""] = threshold(3.0, "agreeing anchors that are worth one half")
 
 
@@ -99,8 +98,9 @@ def quality(
     """
 
     def consistent(verdicts: Verdicts) -> Float[Array, ""]:
-        said = verdicts.agree + verdicts.contradict + config.doubt * verdicts.hits
-        return verdicts.agree / jnp.maximum(said, 1.0)
+        against = config.contradiction * verdicts.contradict + config.doubt * verdicts.hits
+        share = verdicts.agree / jnp.maximum(verdicts.agree + against, 1.0)
+        return jnp.minimum((1.0 + config.doubt) * share, 1.0)
 
     ahead_, back_ = consistent(ahead), consistent(back)
     first = jnp.where(query_sees & ~reference_sees, back_, ahead_)

@@ -85,12 +85,12 @@ def test_a_straight_wall_has_no_angle(extraction):
 
 def test_a_gently_curved_wall_has_no_angle(extraction):
     around = np.linspace(np.pi / 2, 3 * np.pi / 2, 200)
-    wall = polyline(*np.stack([5 + 2.5 * np.cos(around), 2.5 * np.sin(around)], axis=-1))
+    wall = polyline(*np.stack([7 + 5 * np.cos(around), 5 * np.sin(around)], axis=-1))
     assert not extraction(turn_at(wall, np.zeros(3))).angles.valid.any()
 
 
 def test_a_small_box_has_no_angle_and_a_large_one_has(extraction):
-    small, large = (extraction(turn_at(box(2, 2, size), np.zeros(3))) for size in (0.2, 1.0))
+    small, large = (extraction(turn_at(box(2, 2, size), np.zeros(3))) for size in (0.12, 1.0))
     assert not small.angles.valid.any()
     assert distance_to(points_of(large.angles), (1.5, 1.5)) < 2.2 * SPACING
 

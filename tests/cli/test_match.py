@@ -148,12 +148,12 @@ def test_options_arrive_in_the_configuration(logs, command, monkeypatch):
     options = ("--top-k", 3, "--hypotheses", 2, "--min-quality", 0.25, "--no-cascade")
     assert command("match", *logs, "--out", "-", *options)[0] == 0
     config = seen[-1][0]
-    assert (config.top_k, config.hypotheses, config.kept) == (3, 2, None)
+    assert (config.top_k, config.hypotheses, config.cascade) == (3, 2, False)
     assert float(config.min_quality) == 0.25
     command("match", *logs, "--out", "-", "--top-k", "all", "--hypotheses", 60)
     config = seen[-1][0]
     assert (config.top_k, config.hypotheses) == (None, 60)
-    assert config.kept >= 60
+    assert config.shortlist.kept >= 60
 
 
 def test_damaged_lines_are_counted_and_the_first_shown(logs, table, tmp_path, command):

@@ -197,7 +197,10 @@ def test_the_scan_that_sees_the_other_ones_place_is_the_overview(
         Verdicts(agree=jnp.float32(a), contradict=jnp.float32(c), hits=jnp.float32(180))
         for a, c in ((150, 10), (60, 50))
     ]
-    share = [float(w.agree / (w.agree + w.contradict + config.doubt * w.hits)) for w in ways]
+    doubt, contradiction = float(config.doubt), float(config.contradiction)
+    share = [
+        (1 + doubt) * a / (a + contradiction * c + doubt * 180) for a, c in ((150, 10), (60, 50))
+    ]
     got = quality(
         *ways, jnp.asarray(reference_sees), jnp.asarray(query_sees), jnp.int32(ANCHORS), config
     )

@@ -1,0 +1,86 @@
+"""Rivals: alternatives of one query that cannot hold together.
+
+Not in the paper, which reports single false matches where places look alike. Two alternatives of
+a query say how the references behind them lie to each other. If both are right, the references
+then see the same surroundings; if their scans contradict each other there, one of the two is
+wrong, and neither is as certain as its own e_m says. No pose of a reference is needed.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from aprjax.configuration import capacity, threshold
+from aprjax.evaluation.congruence import CongruenceConfig, congruence
+from aprjax.evaluation.view import View
+from aprjax.numerics import wrap
+from aprjax.se2 import Pose, compose, inverse
+
+
+class DistinctivenessConfig(eqx.Module):
+    """When two alternatives are rivals, and what a rival costs."""
+
+    weight: Float[Array, ""] = threshold(0.5, "share of the strongest rival's e_m that is taken")
+    contradiction: Float[Array, ""] = threshold(
+        0.25, "share of contradicting beams from which two references show different places"
+    )
+    harmony: Float[Array, ""] = threshold(0.15, "share up to which they show the same place")
+    distance: Float[Array, ""] = threshold(0.4, "metres between distinct poses in one reference")
+    angle: Float[Array, ""] = threshold(0.2, "radians, likewise")
+    equal: Float[Array, ""] = threshold(0.9, "share of the best e_m at which a rival is its equal")
+    rivals: int = capacity(16, "alternatives, best first, that are compared with the best")
+
+
+def rivalry(
+    best: Int[Array, ""],
+    other: Int[Array, ""],
+    T_best_query: Pose,
+    T_other_query: Pose,
+    references: View,
+    congruence_config: CongruenceConfig,
+    config: DistinctivenessConfig,
+) -> Float[Array, ""]:
+    """How far two alternatives exclude each other: 0 for the same place, 1 for different ones.
+
+    `best` and `other` are rows of `references`. Two poses in one reference are either one pose
+    or exclude each other. For two references it is the share of contradicting beams that counts,
+    between `harmony` and `contradiction`; scans that do not overlap exclude nothing.
+    """
+    view_best, view_other = (
+        jax.tree.map(lambda array: array[row], references)  # noqa: B023
+        for row in (best, other)
+    )
+    T_best_other = compose(T_best_query, inverse(T_other_query))
+    ahead = congruence(view_best, view_other, inverse(T_best_other), congruence_config)
+    back = congruence(view_other, view_best, T_best_other, congruence_config)
+    contradict = ahead.contradict + back.contradict
+    share = contradict / jnp.maximum(ahead.agree + back.agree + contradict, 1.0)
+    span = jnp.maximum(config.contradiction - config.harmony, 1e-6)
+    different_places = jnp.clip((share - config.harmony) / span, 0.0, 1.0)
+
+    different_poses = jnp.where(same_pose(T_best_query, T_other_query, config), 0.0, 1.0)
+    return jnp.where(best == other, different_poses, different_places)
+
+
+def distinct_quality(
+    e_m: Float[Array, " size"],
+    rivalry_with_best: Float[Array, " size"],
+    config: DistinctivenessConfig,
+) -> tuple[Float[Array, " size"], Float[Array, ""]]:
+    """Qualities in [0, 1] less what their rivals cost, and the strength of the best one's rival.
+
+    The best alternative and those at its place lose to the strongest that excludes them; those
+    that exclude the best lose to it, a share of their own e_m at most. The best stays the best.
+    """
+    best = jnp.max(e_m)
+    strongest = jnp.max(rivalry_with_best * e_m)
+    against = rivalry_with_best * best + (1.0 - rivalry_with_best) * strongest
+    return e_m - config.weight * jnp.minimum(against, e_m), strongest
+
+
+def same_pose(T_a: Pose, T_b: Pose, config: DistinctivenessConfig) -> Bool[Array, "*batch"]:
+    """Whether two poses in one frame are one hypothesis; leading axes broadcast."""
+    gap = jnp.sum((T_a[..., :2] - T_b[..., :2]) ** 2, axis=-1)
+    turn = jnp.abs(wrap(T_a[..., 2] - T_b[..., 2]))
+    return (gap < config.distance**2) & (turn < config.angle)
