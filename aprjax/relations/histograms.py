@@ -24,37 +24,49 @@ class RelationConfig(eqx.Module):
     length_bins: int = capacity(160, "bins of length; longer edges do not take part")
     direction_bins: int = capacity(60, "bins over half a turn; an edge has no sense")
     length_tolerance: int = capacity(1, "bins that corresponding lengths may differ by")
+    parts: int = capacity(4, "parts of a length bin, by which edges are counted for q_m")
+    part_tolerance: int = capacity(1, "parts that corresponding lengths may differ by, for q_m")
 
 
 class EdgeHistogram(eqx.Module):
     """The edges of one graph, counted by length and direction."""
 
-    lengths: Float[Array, "*batch length_bins"]
-    """Edges in each bin of length; whole numbers."""
+    lengths: Float[Array, "*batch length_parts"]
+    """Edges in each part of a bin of length; whole numbers."""
     spectrum: Complex[Array, "*batch frequencies length_bins"]
     """Fourier transform over direction of the edges in each bin of length and direction."""
     edges: Float[Array, "*batch"]
     """k, the number of all edges, also of those too long to be counted."""
 
 
-def length_bin(graph: AnchorGraph, config: RelationConfig) -> Int[Array, "anchors anchors"]:
-    """The length bin of each edge; `length_bins` for those that do not take part."""
-    bins = jnp.floor(graph.length / config.bin_length).astype(jnp.int32)
-    return jnp.where(graph.valid & (bins < config.length_bins), bins, config.length_bins)
+def length_bin(
+    graph: AnchorGraph, width: Float[Array, ""], bins: int
+) -> Int[Array, "anchors anchors"]:
+    """The bin of each edge's length, `width` metres each; `bins` for those that are longer."""
+    number = jnp.floor(graph.length / width).astype(jnp.int32)
+    return jnp.where(graph.valid & (number < bins), number, bins)
 
 
 def edge_histogram(graph: AnchorGraph, config: RelationConfig) -> EdgeHistogram:
-    """The histogram of one anchor graph."""
+    """The histogram of one anchor graph.
+
+    q_m counts lengths by parts of a bin, for accidental correspondences are as many as the
+    tolerance is wide. Rotations take whole bins: right edges must not be missed there, and
+    accidental ones do not agree on an angle.
+    """
     upper = jnp.asarray(np.triu_indices(graph.length.shape[-1], k=1))
-    lengths = length_bin(graph, config)[upper[0], upper[1]]
+    lengths = length_bin(graph, config.bin_length, config.length_bins)[upper[0], upper[1]]
     unit = graph.unit[upper[0], upper[1]]
     direction = jnp.arctan2(unit[:, 1], jnp.where(lengths < config.length_bins, unit[:, 0], 1.0))
     turns = direction / np.pi * config.direction_bins
     directions = jnp.floor(turns).astype(jnp.int32) % config.direction_bins
     counts = jnp.zeros((config.length_bins, config.direction_bins))
     counts = counts.at[lengths, directions].add(1.0, mode="drop")
+
+    size = config.parts * config.length_bins
+    fine = length_bin(graph, config.bin_length / config.parts, size)[upper[0], upper[1]]
     return EdgeHistogram(
-        lengths=jnp.sum(counts, axis=-1),
+        lengths=jnp.zeros(size).at[fine].add(1.0, mode="drop"),
         spectrum=jnp.fft.rfft(counts, axis=-1).T,
         edges=graph.edges.astype(jnp.float32),
     )
@@ -70,9 +82,9 @@ def tolerant(counts: Array, tolerance: int) -> Array:
 def count_correspondences(
     queries: EdgeHistogram, references: EdgeHistogram, config: RelationConfig
 ) -> Float[Array, "queries references"]:
-    """c_m of every query and reference: pairs of edges whose length bins are within tolerance."""
+    """c_m of every query and reference: pairs of edges whose lengths are within tolerance."""
     return jnp.matmul(
-        tolerant(queries.lengths, config.length_tolerance), references.lengths.T, precision=HIGHEST
+        tolerant(queries.lengths, config.part_tolerance), references.lengths.T, precision=HIGHEST
     )
 
 

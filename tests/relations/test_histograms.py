@@ -19,9 +19,10 @@ POINTS = [scattered(20 + k, count) for k, count in enumerate(COUNTS)]
 POINTS[-1] = scattered(1, 16, size=30)  # most edges are too long to be counted
 CONFIGS = {
     "default": RelationConfig(),
-    "coarse": RelationConfig(bin_length=0.35, length_bins=40, direction_bins=24),
-    "exact bins": RelationConfig(length_tolerance=0),
-    "wide": RelationConfig(length_tolerance=4, direction_bins=45),
+    "coarse": RelationConfig(bin_length=0.35, length_bins=40, direction_bins=24, parts=2),
+    "whole bins": RelationConfig(parts=1),
+    "exact bins": RelationConfig(length_tolerance=0, part_tolerance=0, parts=1),
+    "wide": RelationConfig(length_tolerance=4, part_tolerance=5, direction_bins=45),
 }
 
 histograms = jax.jit(jax.vmap(edge_histogram, in_axes=(0, None)))
@@ -48,9 +49,10 @@ def bins_of(graphs, k, config):
 
 
 def quantised(graphs, config):
-    """The index table of whole bin numbers."""
-    bins = np.floor(graphs.length / np.float32(config.bin_length))
-    return bins, IndexTable.build(bins, graphs.valid & (bins < config.length_bins))
+    """The number of each edge's part, the parts that count, and the index table of the numbers."""
+    parts = np.floor(graphs.length / (np.float32(config.bin_length) / np.float32(config.parts)))
+    counted = graphs.valid & (parts < config.parts * config.length_bins)
+    return parts, counted, IndexTable.build(parts, counted)
 
 
 @pytest.fixture(scope="module", params=CONFIGS)
@@ -62,21 +64,21 @@ def case(request, graphs):
 def test_counts_equal_the_index_table_on_quantised_lengths(case, graphs):
     config, histogram = case
     found = np.asarray(counts_of(histogram, histogram, config))
-    bins, table = quantised(graphs, config)
+    parts, counted, table = quantised(graphs, config)
     upper = np.triu_indices(16, 1)
     for k in range(len(POINTS)):
-        real = graphs.valid[k][upper] & (bins[k][upper] < config.length_bins)
-        wanted = table.counts(bins[k][upper][real], config.length_tolerance)
+        wanted = table.counts(parts[k][upper][counted[k][upper]], config.part_tolerance)
         np.testing.assert_array_equal(found[k], wanted)
 
 
 def test_counts_equal_the_double_loop_over_edges(case, graphs):
     config, histogram = case
     found = np.asarray(counts_of(histogram, histogram, config))
-    lengths = [[d for d, _ in bins_of(graphs, k, config)] for k in range(len(POINTS))]
+    parts, counted, _ = quantised(graphs, config)
+    lengths = [parts[k][np.triu(counted[k], 1)].tolist() for k in range(len(POINTS))]
     for k, ours in enumerate(lengths):
         for m, theirs in enumerate(lengths):
-            assert found[k, m] == oracle.count(ours, theirs, config.length_tolerance)
+            assert found[k, m] == oracle.count(ours, theirs, config.part_tolerance)
 
 
 def test_qualities_equal_the_definition(case):
@@ -102,8 +104,10 @@ def test_matching_angles_equal_the_loop_over_pairs_of_edges(case, graphs):
             np.testing.assert_array_equal(found[k, m], wanted)
 
 
-def test_matching_angles_sum_to_the_counts(case):
-    config, histogram = case
+@pytest.mark.parametrize("name", ["whole bins", "exact bins"])
+def test_matching_angles_sum_to_the_counts(graphs, name):
+    config = CONFIGS[name]
+    histogram = histograms(graphs, config)
     np.testing.assert_array_equal(
         np.sum(angles_of(histogram, histogram, config), axis=-1),
         counts_of(histogram, histogram, config),
@@ -169,7 +173,7 @@ def test_a_turned_graph_matches_at_its_rotation(graphs, bins):
 
 def test_big_graphs_are_not_more_attractive_for_being_big(graphs):
     """A subgraph fits itself better than a big graph of accidental lengths (paper 2.B)."""
-    config = RelationConfig()
+    config = CONFIGS["whole bins"]
     references = histograms(graphs, config)
     counts = np.asarray(counts_of(references, references, config))
     quality = np.asarray(quality_of(references, references, config))
