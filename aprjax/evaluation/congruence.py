@@ -1,5 +1,7 @@
 """Congruence of two aligned scans, and the quality e_m (paper 2.D)."""
 
+from typing import Self
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -14,9 +16,10 @@ from aprjax.se2 import Pose, inverse, transform
 class QualityConfig(eqx.Module):
     """How much agreement makes a good match."""
 
-    doubt: Float[Array, ""] = threshold(0.2, "doubtful beams assumed beforehand, a share of hits")
+    doubt: Float[Array, ""] = threshold(0.1, "doubtful beams assumed beforehand, a share of hits")
     contradiction: Float[Array, ""] = threshold(1.5, "agreeing beams that one contradiction undoes")
     anchors: Float[Array, ""] = threshold(3.0, "agreeing anchors that are worth one half")
+    extent: Float[Array, ""] = threshold(2.0, "metres of agreeing surface that are worth one half")
 
 
 class CongruenceConfig(eqx.Module):
@@ -37,6 +40,28 @@ class Verdicts(eqx.Module):
     """The beam passed through a surface of the synthetic scan, or stopped in free space."""
     hits: Float[Array, "*batch"]
     """All beams that met a surface; those neither of the above say nothing."""
+    extent: Float[Array, "*batch"]
+    """Root mean square distance of the agreeing end points from their centre, in metres."""
+
+    @classmethod
+    def count(
+        cls,
+        agree: Bool[Array, " beams"],
+        contradict: Bool[Array, " beams"],
+        hit: Bool[Array, " beams"],
+        xy: Float[Array, "beams 2"],
+    ) -> Self:
+        """The verdicts of single beams with end points `xy`, together."""
+        one = agree.astype(jnp.float32)
+        number = jnp.sum(one)
+        share = one / jnp.maximum(number, 1.0)
+        off = xy - jnp.sum(share[:, None] * xy, axis=0)[None, :]
+        return cls(
+            agree=number,
+            contradict=jnp.sum(contradict, dtype=jnp.float32),
+            hits=jnp.sum(hit, dtype=jnp.float32),
+            extent=jnp.sqrt(jnp.sum(share * jnp.sum(off * off, axis=-1))),
+        )
 
 
 def congruence(
@@ -62,11 +87,7 @@ def congruence(
     index, visible = overview.look_up(seen)
     free = overview.hit[index] & (overview.range[index] > safe_norm(seen) + tolerance)
     short = hit & ~agree & ~through & visible & free
-    return Verdicts(
-        agree=jnp.sum(agree, dtype=jnp.float32),
-        contradict=jnp.sum(through | short, dtype=jnp.float32),
-        hits=jnp.sum(hit, dtype=jnp.float32),
-    )
+    return Verdicts.count(agree, through | short, hit, xy)
 
 
 def sees(overview: View, front_xy: Float[Array, "2"]) -> Bool[Array, ""]:
@@ -91,10 +112,11 @@ def quality(
     from the scan with the better overview: that which contains the other's sensing position.
     Where both scans contain each other's position, or neither does, both ways count.
 
-    The paper does not state its measure. Ours is κ κ' a / (a + a₀): κ is the share of agreeing
-    beams among those that say anything, with some contradiction assumed beforehand so that a
-    small overlap is never enough, and the factor of the a agreeing anchors keeps walls that
-    happen to coincide from passing for a place.
+    The paper does not state its measure. Ours is κ κ' a / (a + a₀) s / (s + s₀): κ is the share of
+    agreeing beams among those that say anything, with some doubt assumed beforehand so that a
+    small overlap is never enough. The factor of the a agreeing anchors keeps walls that happen
+    to coincide from passing for a place, and that of the extent s of what agrees keeps a corner
+    or a niche seen from close by from doing so: there are many alike.
     """
 
     def consistent(verdicts: Verdicts) -> Float[Array, ""]:
@@ -106,4 +128,7 @@ def quality(
     first = jnp.where(query_sees & ~reference_sees, back_, ahead_)
     second = jnp.where(reference_sees & ~query_sees, ahead_, back_)
     count = anchors.astype(jnp.float32)
-    return first * second * count / (count + config.anchors)
+    extent = 0.5 * (ahead.extent + back.extent)
+    return (
+        (first * second) * (count / (count + config.anchors)) * (extent / (extent + config.extent))
+    )

@@ -49,8 +49,6 @@ def _one_way(other: View, ours: View, T_other_ours: Pose, config: ScreenConfig) 
     beyond = distance - other.range[index]
     tolerance = config.tolerance + config.relative * distance
     met = hit & visible & other.hit[index]
-    return Verdicts(
-        agree=jnp.sum(met & (jnp.abs(beyond) <= tolerance), dtype=jnp.float32),
-        contradict=jnp.sum(met & (beyond < -tolerance), dtype=jnp.float32),
-        hits=jnp.sum(hit, dtype=jnp.float32),
+    return Verdicts.count(
+        met & (jnp.abs(beyond) <= tolerance), met & (beyond < -tolerance), hit, xy
     )
