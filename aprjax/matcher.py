@@ -42,7 +42,7 @@ class MatchConfig(eqx.Module):
     congruence: CongruenceConfig = CongruenceConfig()
     distinctiveness: DistinctivenessConfig = DistinctivenessConfig()
     min_quality: Float[Array, ""] = threshold(0.0, "least e_m of a hypothesis")
-    confident: Float[Array, ""] = threshold(0.6, "least e_m of an answer that may be acted on")
+    confident: Float[Array, ""] = threshold(0.18, "least e_m of an answer that may be acted on")
     top_k: int | None = capacity(None, "references aligned, those of the highest q_m; None is all")
     cascade: bool = capacity(True, "whether only a shortlist of alternatives is fully evaluated")
     hypotheses: int = capacity(5, "K, the most hypotheses of a query")

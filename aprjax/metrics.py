@@ -73,6 +73,33 @@ def _visible(xy: np.ndarray, scan: Scan, margin: float = 0.2) -> np.ndarray:
     return (nearest < beams) & (distance <= float(scan.range_max)) & open_
 
 
+def world_poses(result: MatchResult, ids: np.ndarray, T_world_ref: np.ndarray) -> np.ndarray:
+    """Where batched results say that the queries were taken: `(queries, K, 3)`.
+
+    `ids` `(references,)` are the references' ids, ascending, in the order of their true poses
+    `T_world_ref` `(references, 3)`. Hypotheses that are not valid have poses that mean nothing.
+    """
+    row = np.minimum(np.searchsorted(ids, np.asarray(result.reference)), len(ids) - 1)
+    x, y, theta = np.moveaxis(np.asarray(result.T_ref_query, float), -1, 0)
+    ref = T_world_ref[row]
+    cos, sin = np.cos(ref[..., 2]), np.sin(ref[..., 2])
+    moved = [cos * x - sin * y, sin * x + cos * y, theta]
+    return ref + np.stack(moved, axis=-1)
+
+
+def deviations(poses: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distances in metres and turns in radians between poses `(..., 3)` of one frame."""
+    gap = np.hypot(poses[..., 0] - truth[..., 0], poses[..., 1] - truth[..., 1])
+    turn = poses[..., 2] - truth[..., 2]
+    return gap, np.abs((turn + np.pi) % (2 * np.pi) - np.pi)
+
+
+def is_right(poses: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Which poses `(..., 3)` are within `RIGHT_DISTANCE` and `RIGHT_ANGLE` of the truth."""
+    gap, turn = deviations(poses, truth)
+    return (gap < RIGHT_DISTANCE) & (turn < RIGHT_ANGLE)
+
+
 @dataclass(frozen=True)
 class Scores:
     """Shares of the mapped queries, those taken where some reference was."""
@@ -104,17 +131,9 @@ def score_matches(
     is nothing to take a share of.
     """
     valid = np.asarray(result.valid)
-    row = np.minimum(np.searchsorted(ids, np.asarray(result.reference)), len(ids) - 1)
-    T_ref_query, ref = np.asarray(result.T_ref_query, float), T_world_ref[row]
-    cos, sin = np.cos(ref[..., 2]), np.sin(ref[..., 2])
-    x, y, theta = np.moveaxis(T_ref_query, -1, 0)
-    gap = np.hypot(
-        ref[..., 0] + cos * x - sin * y - T_world_query[:, None, 0],
-        ref[..., 1] + sin * x + cos * y - T_world_query[:, None, 1],
-    )
-    turn = ref[..., 2] + theta - T_world_query[:, None, 2]
-    turn = np.abs((turn + np.pi) % (2 * np.pi) - np.pi)
-    right = valid & (gap < RIGHT_DISTANCE) & (turn < RIGHT_ANGLE)
+    poses = world_poses(result, ids, T_world_ref)
+    gap, turn = deviations(poses, T_world_query[:, None])
+    right = valid & is_right(poses, T_world_query[:, None])
     best = right[:, 0]
     accepted = _accepted(
         np.asarray(result.quality)[:, 0], best & mapped, valid[:, 0] & ~best, valid[:, 0]

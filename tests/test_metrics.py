@@ -5,7 +5,8 @@ import pytest
 
 from aprjax.anchors.candidates import Kind
 from aprjax.anchors.extract import Anchors
-from aprjax.metrics import reappearing, repeatability
+from aprjax.matcher import MatchResult
+from aprjax.metrics import is_right, reappearing, repeatability, world_poses
 from aprjax.scan import Scan
 
 STILL = np.zeros(3)
@@ -101,3 +102,37 @@ def test_a_full_turn_has_no_edge_of_view(step):
 def test_beams_that_met_nothing_hide_nothing():
     scan = wall(np.inf)
     assert reappearing(anchors((6, 0)), anchors(), STILL, 0.1, scan)[0][0]
+
+
+def motion(pose):
+    cos, sin = np.cos(pose[2]), np.sin(pose[2])
+    return np.array([[cos, -sin, pose[0]], [sin, cos, pose[1]], [0, 0, 1]])
+
+
+def test_hypotheses_are_placed_by_their_references():
+    rng = np.random.default_rng(0)
+    ids, T_world_ref = np.array([2, 5, 9]), rng.normal(0, 3, (3, 3))
+    reference, T_ref_query = rng.choice(ids, (4, 2)), rng.normal(0, 3, (4, 2, 3))
+    fields = dict.fromkeys(MatchResult.__dataclass_fields__)
+    result = MatchResult(**fields | {"reference": reference, "T_ref_query": T_ref_query})  # type: ignore
+    poses = world_poses(result, ids, T_world_ref)
+    for index in np.ndindex(4, 2):
+        T_world = T_world_ref[list(ids).index(reference[index])]
+        expected = motion(T_world) @ motion(T_ref_query[index])
+        np.testing.assert_allclose(motion(poses[index]), expected, atol=1e-12)
+
+
+def test_right_is_within_half_a_metre_and_ten_degrees():
+    truth = np.array([3.0, -2.0, np.pi - 0.01])
+    turned = np.radians(9.9) - 0.01
+    poses = [
+        (3.0, -2.0, np.pi - 0.01),
+        (3.49, -2.0, np.pi - 0.01),
+        (3.0, -1.49, np.pi - 0.01),
+        (3.36, -2.36, np.pi - 0.01),
+        (3.0, -2.0, -np.pi + turned),
+        (3.0, -2.0, -np.pi + turned + 0.01),
+        (3.0, -2.0, np.pi - 0.01 + 6 * np.pi),
+    ]
+    expected = [True, True, False, False, True, False, True]
+    assert is_right(np.array(poses), truth).tolist() == expected

@@ -9,7 +9,7 @@ import os
 import sys
 from collections.abc import Sequence
 
-from aprjax.cli import info, match
+from aprjax.cli import demo, info, match, simulate
 from aprjax.cli.errors import CommandError
 
 
@@ -43,7 +43,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="aprjax", description="Global self-localization with a 2D laser scanner."
     )
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for command in (match, info):
+    for command in (demo, match, simulate, info):
         command.add_command(commands)
     return parser
 

@@ -62,7 +62,7 @@ def draw_match(
     draw_points(ax, xy_query, _QUERY, "query", size=6)
     draw_anchors_by_kind(ax, reference.anchors, np.asarray(reference.anchors.xy), filled=False)
     moved = np.asarray(transform(T_ref_query, query.anchors.xy))
-    draw_anchors_by_kind(ax, query.anchors, moved, labelled=False)
+    draw_anchors_by_kind(ax, query.anchors, moved)
     draw_laser(ax, np.zeros(3), _REFERENCE)
     draw_laser(ax, np.asarray(T_ref_query), _QUERY)
     x, y, theta = np.asarray(T_ref_query)

@@ -67,10 +67,11 @@ def add_legend(ax: Axes) -> None:
 
 
 def draw_anchors_by_kind(
-    ax: Axes, anchors: Anchors, xy: np.ndarray, *, filled: bool = True, labelled: bool = True
+    ax: Axes, anchors: Anchors, xy: np.ndarray, *, filled: bool = True
 ) -> None:
-    """Anchors, each kind with its marker, at `xy` `(anchors, 2)` in metres."""
+    """Anchors, each kind with its marker and named once, at `xy` `(anchors, 2)` in metres."""
     valid, kinds = np.asarray(anchors.valid), np.asarray(anchors.kind)
+    named = ax.get_legend_handles_labels()[1]
     for kind, (name, marker, colour) in KINDS.items():
         shown = xy[valid & (kinds == kind)]
         ax.scatter(
@@ -81,6 +82,6 @@ def draw_anchors_by_kind(
             facecolors=colour if filled else "none",
             edgecolors="white" if filled else colour,
             linewidths=0.8 if filled else 1.3,
-            label=name if labelled and len(shown) else None,
+            label=name if len(shown) and name not in named else None,
             zorder=4,
         )

@@ -95,8 +95,10 @@ def test_verdicts_are_counted_as_beam_by_beam(pairs, offset):
 
 
 def test_e_m_is_high_at_the_true_pose(pairs):
-    *_, e_m, rough = compare(*pairs)
+    ahead, back, _, e_m, rough = compare(*pairs)
+    extent = 0.5 * (ahead.extent + back.extent)
     best = ANCHORS / (ANCHORS + float(QualityConfig().anchors))
+    best = best * extent / (extent + float(QualityConfig().extent))
     assert np.all(e_m > 0.7 * best)
     assert np.all(rough > 0.5 * best)
 
@@ -162,20 +164,43 @@ def test_scans_that_overlap_little_never_agree_much(apart):
     assert e_m < 0.4 * ANCHORS / (ANCHORS + float(QualityConfig().anchors))
 
 
+def verdicts(agree, contradict, extent=4.0):
+    """Verdicts of 180 beams."""
+    numbers = {"agree": agree, "contradict": contradict, "hits": 180, "extent": extent}
+    return Verdicts(**{name: jnp.float32(number) for name, number in numbers.items()})
+
+
+def test_the_extent_is_the_spread_of_the_end_points_that_agree():
+    xy = np.random.default_rng(0).normal(0, 2, (20, 2)).astype(np.float32)
+    agree = np.arange(20) % 3 == 0
+    found = Verdicts.count(agree, ~agree, np.ones(20, bool), xy)
+    spread = np.sqrt(np.mean(np.sum((xy[agree] - xy[agree].mean(axis=0)) ** 2, axis=1)))
+    np.testing.assert_allclose(found.extent, spread, rtol=1e-5)
+    assert (found.agree, found.contradict, found.hits) == (7, 13, 20)
+    nothing = Verdicts.count(np.zeros(20, bool), agree, np.ones(20, bool), xy)
+    assert nothing.extent == nothing.agree == 0
+
+
+def test_e_m_grows_with_the_extent_of_what_agrees():
+    def e_m(extent):
+        said, yes = verdicts(120, 10, extent), jnp.asarray(True)
+        return float(quality(said, said, yes, yes, jnp.int32(6), QualityConfig()))
+
+    assert 0 == e_m(0.0) < e_m(0.5) < e_m(2.0) < e_m(8.0) < 1
+
+
 @pytest.mark.parametrize("agree", [0, 1, 5, 9])
 def test_a_twentieth_of_the_beams_is_no_match_however_many_anchors_agree(agree):
-    little = Verdicts(agree=jnp.float32(agree), contradict=jnp.float32(0), hits=jnp.float32(180))
+    little = verdicts(agree, 0)
     yes = jnp.asarray(True)
     assert quality(little, little, yes, yes, jnp.int32(16), QualityConfig()) < 0.3
 
 
 def test_e_m_grows_with_agreement_and_anchors_and_falls_with_contradiction():
     def e_m(agree, contradict, anchors):
-        verdicts = Verdicts(
-            agree=jnp.float32(agree), contradict=jnp.float32(contradict), hits=jnp.float32(180)
-        )
+        said = verdicts(agree, contradict)
         yes = jnp.asarray(True)
-        return float(quality(verdicts, verdicts, yes, yes, jnp.int32(anchors), QualityConfig()))
+        return float(quality(said, said, yes, yes, jnp.int32(anchors), QualityConfig()))
 
     assert e_m(20, 5, 5) < e_m(60, 5, 5) < e_m(120, 5, 5) < e_m(175, 5, 5)
     assert e_m(100, 0, 5) > e_m(100, 10, 5) > e_m(100, 80, 5)
@@ -193,10 +218,7 @@ def test_the_scan_that_sees_the_other_ones_place_is_the_overview(
 ):
     """`ahead` counts where the reference has the overview, `back` where the query has it."""
     config = QualityConfig()
-    ways = [
-        Verdicts(agree=jnp.float32(a), contradict=jnp.float32(c), hits=jnp.float32(180))
-        for a, c in ((150, 10), (60, 50))
-    ]
+    ways = [verdicts(150, 10, extent=3.0), verdicts(60, 50, extent=5.0)]
     doubt, contradiction = float(config.doubt), float(config.contradiction)
     share = [
         (1 + doubt) * a / (a + contradiction * c + doubt * 180) for a, c in ((150, 10), (60, 50))
@@ -204,8 +226,8 @@ def test_the_scan_that_sees_the_other_ones_place_is_the_overview(
     got = quality(
         *ways, jnp.asarray(reference_sees), jnp.asarray(query_sees), jnp.int32(ANCHORS), config
     )
-    anchors = ANCHORS / (ANCHORS + float(config.anchors))
-    np.testing.assert_allclose(got, share[expected[0]] * share[expected[1]] * anchors, rtol=1e-5)
+    much = ANCHORS / (ANCHORS + float(config.anchors)) * 4 / (4 + float(config.extent))
+    np.testing.assert_allclose(got, share[expected[0]] * share[expected[1]] * much, rtol=1e-5)
 
 
 def test_a_place_is_seen_when_nothing_stands_before_it():

@@ -1,0 +1,109 @@
+"""How cluttered the simulated lab is, beside real logs.
+
+    python experiments/clutter.py --out DIR [--quick]
+
+One row for each real log and each of the lab's seeds 0 to 4: anchors per scan, how many of them
+reappear within 0.1 m in another scan of the same place (within 1 m and 30°), and the share of the
+beams that the segmentation removes as small. Reads the corrected logs under `logs/` of the folder
+that the environment variable APRJAX_DATA names, else of `../shared/data` beside the repository.
+Writes `clutter.csv` into DIR; the exit status is 1 if a lab lies outside the logs' range.
+"""
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+import jax
+import numpy as np
+from anchors import CHUNK, WITHIN, Described, read, repeatability_rows, scan_row, write_table
+
+import aprjax
+from aprjax.anchors.extract import ExtractionConfig, extract
+from aprjax.anchors.segment import segment
+from aprjax.sim.lab import lab
+
+LOGS = ("intel", "fhw", "aces", "belgioioso", "csail", "freiburg-079")
+SEEDS = range(5)
+COMPARED = ("anchors", "repeatability", "small_share")
+PLACE = WITHIN.index((1.0, 30.0))  # the class of pairs that every log has enough of
+
+
+@jax.jit
+def _described(scans: aprjax.Scan):
+    def one(scan):
+        config = ExtractionConfig()
+        segments = segment(scan, config.segment)
+        return extract(scan, config), (segments.hit & ~segments.large), segments.hit
+
+    return jax.vmap(one)(scans)
+
+
+def describe(scans: aprjax.Scan, poses: np.ndarray) -> Described:
+    """Stacked scans from true poses `(scans, 3)` with their anchors."""
+    count = len(poses)
+    padded = scans.pad_batch(-(-count // CHUNK) * CHUNK)
+    starts = range(0, len(padded.beams), CHUNK)
+    chunks = [
+        jax.tree.map(np.asarray, _described(jax.tree.map(lambda a: a[i : i + CHUNK], padded)))  # noqa: B023
+        for i in starts
+    ]
+    anchors, small, hit = jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *chunks)
+    return Described(scans, poses, anchors, float(small.sum() / hit.sum()))
+
+
+def row(name: str, described: Described, pairs: int) -> dict:
+    """What is compared, for one log or lab."""
+    scans = scan_row(name, described)
+    repeated = repeatability_rows(name, described, pairs, radius=0.1)[PLACE]
+    return {
+        "place": name,
+        "scans": scans["scans"],
+        "anchors": scans["anchors"],
+        "pairs": repeated["pairs"],
+        "repeatability": repeated["all"],
+        "small_share": scans["small_share"],
+    }
+
+
+def main() -> int:
+    """Print and write the table; the exit status."""
+    parser = argparse.ArgumentParser(description="Clutter of the simulated lab and of real logs.")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--quick", action="store_true", help="fewer pairs")
+    arguments = parser.parse_args()
+    pairs = 100 if arguments.quick else 300
+
+    beside = Path(__file__).resolve().parents[1].parent / "shared" / "data"
+    data = Path(os.environ.get("APRJAX_DATA") or beside)
+    paths = {name: data / "logs" / f"{name}-corrected.log.gz" for name in LOGS}
+    for path in paths.values():
+        if not path.is_file():
+            print(
+                f"{path} is not there: set APRJAX_DATA to the folder of the logs", file=sys.stderr
+            )
+            return 1
+    arguments.out.mkdir(parents=True, exist_ok=True)
+
+    logs = [
+        # Freiburg's log has a scan every 9 cm; a fifth of them leaves pairs enough.
+        row(name, read(path, 5 if name == "freiburg-079" else 1), pairs)
+        for name, path in paths.items()
+    ]
+    labs = []
+    for seed in SEEDS:
+        run = lab(seed).queries
+        labs.append(row(f"lab {seed}", describe(run.scans, run.T_world_laser), pairs))
+    write_table(logs + labs, arguments.out / "clutter.csv")
+
+    outside = 0
+    for column in COMPARED:
+        low, high = (limit(entry[column] for entry in logs) for limit in (min, max))
+        out = [entry["place"] for entry in labs if not low <= entry[column] <= high]
+        outside += len(out)
+        print(f"{column}: logs span {low} to {high}; outside: {', '.join(out) or 'none'}")
+    return 1 if outside else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
