@@ -11,11 +11,11 @@ class Status(enum.IntEnum):
     """
 
     OK = 0
-    """There is at least one hypothesis, and no rival in the best one's reference."""
+    """There is at least one hypothesis, and the best one has no equal rival."""
     AMBIGUOUS = 1
-    """As OK, but another pose in the best hypothesis' reference explains the scan about as well.
+    """As OK, but another place explains the scan about as well as the best hypothesis.
 
-    Look-alike places in different references are not told from two references of one place.
+    That is another pose in its reference, or one in a reference whose scan contradicts it.
     """
     CAPACITY_EXCEEDED = 2
     """As OK, but the scan had more anchors than the capacity; the most salient were used."""
