@@ -357,9 +357,9 @@ def test_removed_references_are_never_returned_and_added_ones_are(scene, result)
     found = to_numpy(match_batch(scene.queries, fewer))
     assert_consistent(found, fewer)
     stays = ~np.isin(result.reference[:, 0], [1, 6])
-    # Without its rivals an answer is more certain.
+    # Without its rivals an answer is more certain; others that were not on the shortlist weigh less.
     assert_same_best(found, result, stays, pose=1e-4, quality=0.15)
-    assert np.all(found.quality[stays, 0] >= result.quality[stays, 0] - 1e-3)
+    assert np.all(found.quality[stays, 0] >= result.quality[stays, 0] - 0.03)
     again = fewer.add([scene.reference_scans[1]])
     found = to_numpy(match_batch(scene.queries, again))
     back = np.where(result.reference == 1, REFERENCES, result.reference)
@@ -462,8 +462,9 @@ def test_the_references_of_the_highest_q_m_are_aligned(scene, result, top_k):
     chosen |= (top_k == 1) & (result.reference[:, 0] == np.argmax(all_q_m, axis=1))
     chosen &= right(scene, result)
     assert chosen.sum() >= 3 * top_k
-    # Fewer references, fewer rivals.
-    assert_same_best(found, result, chosen & (found.status == result.status), quality=0.15)
+    # Fewer references, fewer rivals; and what fits the shortlist at once is not settled before.
+    same = chosen & (found.status == result.status)
+    assert_same_best(found, result, same, pose=5e-3, quality=0.15)
     np.testing.assert_array_equal(found.reference[chosen, 0], result.reference[chosen, 0])
 
 
