@@ -60,8 +60,13 @@ def _extract(scans: aprjax.Scan, config: ExtractionConfig):
 def read(path: Path, step: int) -> Described:
     """Every `step`-th scan of a corrected log, whose FLASER poses are the truth."""
     entries = [entry for i, entry in enumerate(aprjax.read_log(path)) if i % step == 0]
-    scans = aprjax.Scan.stack([entry.scan for entry in entries])
-    count = len(entries)
+    poses = np.array([entry.logged_pose for entry in entries], float)
+    return describe(aprjax.Scan.stack([entry.scan for entry in entries]), poses)
+
+
+def describe(scans: aprjax.Scan, poses: np.ndarray) -> Described:
+    """Stacked scans from true poses `(scans, 3)` with their anchors."""
+    count = len(poses)
     padded = scans.pad_batch(-(-count // CHUNK) * CHUNK)
     chunks = [
         jax.tree.map(
@@ -74,7 +79,6 @@ def read(path: Path, step: int) -> Described:
         for start in range(0, count, CHUNK)
     ]
     anchors, small, hit = jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *chunks)
-    poses = np.array([entry.logged_pose for entry in entries], float)
     return Described(scans, poses, anchors, float(small.sum() / hit.sum()))
 
 

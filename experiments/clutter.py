@@ -14,42 +14,14 @@ import os
 import sys
 from pathlib import Path
 
-import jax
-import numpy as np
-from anchors import CHUNK, WITHIN, Described, read, repeatability_rows, scan_row, write_table
+from anchors import WITHIN, Described, describe, read, repeatability_rows, scan_row, write_table
 
-import aprjax
-from aprjax.anchors.extract import ExtractionConfig, extract
-from aprjax.anchors.segment import segment
 from aprjax.sim.lab import lab
 
 LOGS = ("intel", "fhw", "aces", "belgioioso", "csail", "freiburg-079")
 SEEDS = range(5)
 COMPARED = ("anchors", "repeatability", "small_share")
 PLACE = WITHIN.index((1.0, 30.0))  # the class of pairs that every log has enough of
-
-
-@jax.jit
-def _described(scans: aprjax.Scan):
-    def one(scan):
-        config = ExtractionConfig()
-        segments = segment(scan, config.segment)
-        return extract(scan, config), (segments.hit & ~segments.large), segments.hit
-
-    return jax.vmap(one)(scans)
-
-
-def describe(scans: aprjax.Scan, poses: np.ndarray) -> Described:
-    """Stacked scans from true poses `(scans, 3)` with their anchors."""
-    count = len(poses)
-    padded = scans.pad_batch(-(-count // CHUNK) * CHUNK)
-    starts = range(0, len(padded.beams), CHUNK)
-    chunks = [
-        jax.tree.map(np.asarray, _described(jax.tree.map(lambda a: a[i : i + CHUNK], padded)))  # noqa: B023
-        for i in starts
-    ]
-    anchors, small, hit = jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *chunks)
-    return Described(scans, poses, anchors, float(small.sum() / hit.sum()))
 
 
 def row(name: str, described: Described, pairs: int) -> dict:
