@@ -1,6 +1,8 @@
 """APR scan matching: section 2 of the paper, from a scan to weighted global alignments."""
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import equinox as eqx
@@ -22,7 +24,7 @@ from aprjax.evaluation.view import View
 from aprjax.features import Features, describe
 from aprjax.numerics import bucket
 from aprjax.references import ReferenceIndex, ReferenceSet
-from aprjax.refine import RefineConfig, refine
+from aprjax.refine import RefineConfig, Refined, estimate, settle
 from aprjax.relations.histograms import matching_angles, preselection_quality
 from aprjax.scan import Scan
 from aprjax.se2 import Pose, inverse
@@ -125,51 +127,78 @@ def match_batch(
     if batch.ranges.ndim != 2 or batch.ranges.shape[0] == 0:
         raise ValueError(f"scans: ranges of shape {batch.ranges.shape} are not (queries, beams)")
     queries = batch.ranges.shape[0]
-    chunk = min(config.chunk, 1 << (queries - 1).bit_length())
-    slots = -(-bucket(queries, smallest=1) // chunk) * chunk
-    result = _match_chunks(
-        batch.pad_batch(slots), np.int32(queries), references.index, config, chunk
+    on_cpu = jax.default_backend() == "cpu"
+    cores = (os.cpu_count() or 1) if on_cpu else 1
+    workers = min(cores, max(queries // config.chunk, 1))
+    part = -(-queries // workers)
+    chunk = min(config.chunk, 1 << (part - 1).bit_length())
+    slots = -(-bucket(part, smallest=1) // chunk) * chunk
+
+    def work(start: int) -> MatchResult:
+        here = jax.tree.map(lambda array: np.asarray(array)[start : start + part], batch)
+        count = np.int32(here.ranges.shape[0])
+        return _match_chunks(
+            here.pad_batch(slots), count, references.index, config, chunk, together=not on_cpu
+        )
+
+    # XLA runs the calls of one thread one after another, those of several at the same time. The
+    # first one compiles for all.
+    first = work(0)
+    with ThreadPoolExecutor(workers) as pool:
+        others = pool.map(lambda start: jax.device_get(work(start)), range(part, queries, part))
+        results = [jax.device_get(first), *others]
+    return jax.tree.map(
+        lambda *parts: np.concatenate([array[:part] for array in parts])[:queries], *results
     )
-    return jax.tree.map(lambda array: np.asarray(array)[:queries], result)
 
 
-@partial(jax.jit, static_argnames="chunk")
+@partial(jax.jit, static_argnames=("chunk", "together"))
 def _match_chunks(
     scans: Scan,
     queries: Int[Array, ""],
     references: ReferenceIndex,
     config: MatchConfig,
     chunk: int,
+    together: bool,
 ) -> MatchResult:
     """`chunk` queries at a time, so that memory does not grow with the batch.
 
-    The number of rounds is traced: padding up to the bucket costs no time.
+    Those of one chunk are aligned and evaluated `together`, or one after the other: on a CPU
+    what one query needs then stays in the cache. The number of rounds is traced: padding up to
+    the bucket costs no time.
     """
 
     def part(index):
         return jax.tree.map(lambda a: jax.lax.dynamic_slice_in_dim(a, index * chunk, chunk), scans)
 
     def work(index, results):
-        result = _match_chunk(part(index), references, config)
+        result = _match_chunk(part(index), references, config, together)
         return jax.tree.map(
             lambda all_, new: jax.lax.dynamic_update_slice_in_dim(all_, new, index * chunk, 0),
             results,
             result,
         )
 
-    shapes = jax.eval_shape(lambda: _match_chunk(part(0), references, config))
+    shapes = jax.eval_shape(lambda: _match_chunk(part(0), references, config, together))
     slots = scans.ranges.shape[0]
     empty = jax.tree.map(lambda leaf: jnp.zeros((slots, *leaf.shape[1:]), leaf.dtype), shapes)
     return jax.lax.fori_loop(0, (queries + chunk - 1) // chunk, work, empty)
 
 
-def _match_chunk(scans: Scan, references: ReferenceIndex, config: MatchConfig) -> MatchResult:
+def _match_chunk(
+    scans: Scan, references: ReferenceIndex, config: MatchConfig, together: bool
+) -> MatchResult:
     """Section 2 of the paper for a few queries at once."""
     queries = jax.vmap(describe, (0, None))(scans, references.config)
     relation = references.config.relation
     q_m = preselection_quality(queries.histogram, references.features.histogram, relation)
     angles = matching_angles(queries.histogram, references.features.histogram, relation)
-    return jax.vmap(_match_one, (0, 0, 0, None, None))(queries, q_m, angles, references, config)
+
+    def one(of: tuple[Features, Array, Array]) -> MatchResult:
+        return _match_one(*of, references, config)
+
+    each = jax.vmap(one) if together else partial(jax.lax.map, one)
+    return each((queries, q_m, angles))
 
 
 def _match_one(
@@ -199,8 +228,7 @@ def _match_one(
 
     def evaluate(alternative: Alternatives, row: Int[Array, ""]):
         reference = jax.tree.map(lambda array: array[row], references.features)
-        refined = refine(reference.view, query.view, alternative.T_ref_query, config.refine)
-        T_ref_query = refined.T_ref_query
+        T_ref_query = settle(reference.view, query.view, alternative.T_ref_query, config.refine)
         ahead = congruence(reference.view, query.view, inverse(T_ref_query), config.congruence)
         back = congruence(query.view, reference.view, T_ref_query, config.congruence)
         agree = agreement(reference.graph, query.graph, T_ref_query, config.alignment.agreement)
@@ -213,16 +241,22 @@ def _match_one(
             anchors,
             config.congruence.quality,
         )
-        return refined, e_m, anchors, ahead.agree + back.agree
+        return T_ref_query, e_m, anchors, ahead.agree + back.agree
 
-    refined, e_m, anchors, beams = jax.vmap(evaluate)(kept, row)
+    T_ref_query, e_m, anchors, beams = jax.vmap(evaluate)(kept, row)
     e_m = jnp.where(kept.valid, e_m, 0.0)
-    best, qualities, rival = _ranked(refined.T_ref_query, row, e_m, views, config)
+    best, qualities, rival = _ranked(T_ref_query, row, e_m, views, config)
     valid = (qualities >= config.min_quality) & (qualities > 0)
 
-    def pick(array):
+    def final(T_ref_query: Pose, row: Int[Array, ""]) -> Refined:
+        reference = jax.tree.map(lambda array: array[row], views)
+        return estimate(reference, query.view, T_ref_query, config.refine)
+
+    def known(array):
         mask = valid.reshape(valid.shape + (1,) * (array.ndim - 1))
-        return jnp.where(mask, array[best], jnp.zeros_like(array[best]))
+        return jnp.where(mask, array, jnp.zeros_like(array))
+
+    estimated = jax.vmap(final)(T_ref_query[best], row[best])
 
     counts = Counts(
         anchors=jnp.sum(query.anchors.valid, dtype=jnp.int32),
@@ -233,12 +267,12 @@ def _match_one(
     )
     return MatchResult(
         reference=jnp.where(valid, references.ids[row[best]], -1),
-        T_ref_query=pick(refined.T_ref_query),
-        covariance=pick(refined.covariance),
+        T_ref_query=known(estimated.T_ref_query),
+        covariance=known(estimated.covariance),
         quality=jnp.where(valid, qualities, 0.0),
-        preselection=pick(q_m[row]),
-        agreeing_anchors=pick(anchors),
-        agreeing_beams=pick(beams.astype(jnp.int32)),
+        preselection=known(q_m[row][best]),
+        agreeing_anchors=known(anchors[best]),
+        agreeing_beams=known(beams[best].astype(jnp.int32)),
         valid=valid,
         confident=valid[0] & ~rival & (qualities[0] >= config.confident),
         counts=counts,

@@ -8,10 +8,32 @@ from jaxtyping import Array, Float
 HIGHEST = jax.lax.Precision.HIGHEST
 """Products of coordinates ask for full float32, also where a device defaults to less."""
 
+_TINY = float(np.finfo(np.float32).tiny)
+
 
 def wrap(angle: Float[Array, "..."], period: float = 2 * np.pi) -> Float[Array, "..."]:
     """`angle` in radians, shifted by whole periods into [-period / 2, period / 2)."""
     return jnp.mod(angle + period / 2, period) - period / 2
+
+
+def dot(a: Float[Array, "... d"], b: Float[Array, "... d"]) -> Float[Array, "..."]:
+    """Products of vectors with few components.
+
+    Component by component: XLA on a CPU does not vectorise a sum over so short an axis.
+    """
+    total = a[..., 0] * b[..., 0]
+    for k in range(1, a.shape[-1]):
+        total = total + a[..., k] * b[..., k]
+    return total
+
+
+def total(array: Float[Array, "... n"]) -> Float[Array, "..."]:
+    """The sum over the last axis, as a product with ones.
+
+    XLA on a CPU would fuse a plain sum with all that leads up to it, again for every sum of the
+    same beams, and then vectorise none of it.
+    """
+    return jnp.matmul(array, jnp.ones(array.shape[-1], array.dtype), precision=HIGHEST)
 
 
 def safe_norm(vector: Float[Array, "... d"]) -> Float[Array, "..."]:
@@ -19,15 +41,59 @@ def safe_norm(vector: Float[Array, "... d"]) -> Float[Array, "..."]:
 
     Padding puts zero vectors everywhere, and one NaN gradient would spoil a whole batch.
     """
-    square = jnp.sum(vector * vector, axis=-1)
+    square = dot(vector, vector)
     positive = square > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
+
+
+def square_gaps(a: Float[Array, "n 2"], b: Float[Array, "m 2"]) -> Float[Array, "n m"]:
+    """Square distances of all pairs of points."""
+    dx, dy = a[:, 0][:, None] - b[:, 0][None, :], a[:, 1][:, None] - b[:, 1][None, :]
+    return dx * dx + dy * dy
+
+
+# arctan(t) / t on [0, 1] by powers of t²: the polynomial of least maximum error.
+_ARCTAN = (
+    0.999999344,
+    -0.333298594,
+    0.199465662,
+    -0.139086291,
+    0.0964219719,
+    -0.055912327,
+    0.0218629576,
+    -0.00405456731,
+)
+
+
+@jax.custom_jvp
+def arctan2(y: Float[Array, "..."], x: Float[Array, "..."]) -> Float[Array, "..."]:
+    """The angle of `(x, y)` in radians, in [-π, π], to 4e-7; zero at the origin.
+
+    A polynomial, because XLA's own takes some twenty times as long on a CPU, and points are
+    looked up by their bearing wherever scans are compared.
+    """
+    along, across = jnp.abs(x), jnp.abs(y)
+    slope = jnp.minimum(along, across) / jnp.maximum(jnp.maximum(along, across), _TINY)
+    square = slope * slope
+    angle = jnp.full_like(square, _ARCTAN[-1])
+    for coefficient in _ARCTAN[-2::-1]:
+        angle = angle * square + coefficient
+    angle = angle * slope
+    angle = jnp.where(across > along, np.float32(np.pi / 2) - angle, angle)
+    angle = jnp.where(x < 0, np.float32(np.pi) - angle, angle)
+    return jnp.copysign(angle, y)
+
+
+@arctan2.defjvp
+def _arctan2_jvp(primals: tuple[Array, Array], tangents: tuple[Array, Array]):
+    (y, x), (dy, dx) = primals, tangents
+    return arctan2(y, x), (x * dy - y * dx) / (x * x + y * y)
 
 
 def safe_arctan2(y: Float[Array, "..."], x: Float[Array, "..."]) -> Float[Array, "..."]:
     """`arctan2` in radians whose gradient at the origin is zero, not NaN."""
     origin = (x == 0) & (y == 0)
-    return jnp.where(origin, 0.0, jnp.arctan2(jnp.where(origin, 0.0, y), jnp.where(origin, 1.0, x)))
+    return jnp.where(origin, 0.0, arctan2(jnp.where(origin, 0.0, y), jnp.where(origin, 1.0, x)))
 
 
 def bucket(size: int, smallest: int = 8) -> int:

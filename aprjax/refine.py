@@ -1,33 +1,55 @@
 """Local refinement of an alignment: point-to-line least squares between two scans.
 
 Not in the paper, which evaluates the centre of gravity as it is; anchors place a scan to about a
-decimetre and two degrees, and the congruence of raw data needs better. A few Gauss-Newton steps
-with a robust weight (Tukey's) whose scale shrinks.
+decimetre and two degrees, and the congruence of raw data needs better. `settle` takes a few cheap
+steps with ever smaller gates; `estimate` then solves once, with a model of the scanner's errors.
 """
+
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import lineax as lx
+import optimistix as optx
+from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.configuration import capacity, threshold
 from aprjax.evaluation.view import View
-from aprjax.numerics import HIGHEST, wrap
-from aprjax.se2 import Pose, transform
+from aprjax.numerics import HIGHEST, dot, safe_norm, total, wrap
+from aprjax.se2 import Pose, inverse, transform
 
 
 class RefineConfig(eqx.Module):
-    """How points and surfaces are paired, and how often."""
+    """How points and surfaces are paired, how often, and the errors of their distances."""
 
     gate: Float[Array, ""] = threshold(0.5, "metres off the surface that are allowed at first")
     final_gate: Float[Array, ""] = threshold(0.1, "metres at last")
     reach: Float[Array, ""] = threshold(3.0, "gates that paired points may lie apart in all")
-    noise: Float[Array, ""] = threshold(0.02, "metres: least standard deviation off the surface")
+    noise: Float[Array, ""] = threshold(
+        0.0058, "metres: standard deviation of a range, with its rounding to a centimetre"
+    )
+    noise_per_metre: Float[Array, ""] = threshold(0.0005, "what range adds to it, metres a metre")
+    bias: Float[Array, ""] = threshold(
+        0.0087, "metres: standard deviation of the error that all ranges of a scan share"
+    )
+    roughness: Float[Array, ""] = threshold(
+        0.003, "metres: standard deviation of a surface off the line that stands for it"
+    )
+    outlier: Float[Array, ""] = threshold(4.0, "standard deviations at which a pair has no say")
+    cluster: Float[Array, ""] = threshold(
+        20.0, "neighbouring pairs that share what their distances have beyond these errors"
+    )
+    trust: Float[Array, ""] = threshold(
+        0.05, "metres and radians: standard deviation of the pose that the last solve starts from"
+    )
     prior: Float[Array, ""] = threshold(
         1.0, "metres and radians: standard deviation of each coordinate where nothing holds it"
     )
-    points: int = capacity(128, "most end points of the query that are paired")
-    iterations: int = capacity(6, "Gauss-Newton steps")
+    points: int = capacity(128, "most end points that are paired in a coarse step")
+    iterations: int = capacity(6, "coarse steps")
+    beams: int = capacity(128, "most end points of each scan that are paired in the last solve")
+    solver_steps: int = capacity(4, "most evaluations of the last solve")
 
 
 class Refined(eqx.Module):
@@ -39,80 +61,202 @@ class Refined(eqx.Module):
     """m², m rad, rad²: long in a direction in which no surface holds the query."""
 
 
-class _System(eqx.Module):
-    """Gauss-Newton normal equations in (x, y, theta)."""
+class _Pairs(eqx.Module):
+    """End points of a front scan, and the lines seen by an overview scan that they should lie on.
 
-    information: Float[Array, "3 3"]
-    gradient: Float[Array, "3"]
-    variance: Float[Array, ""]
-    """Weighted mean square distance off the surfaces in m²."""
-
-
-def refine(reference: View, query: View, T_ref_query: Pose, config: RefineConfig) -> Refined:
-    """The pose near `T_ref_query` at which the query's end points lie on the reference's surfaces.
-
-    Where no points can be paired the pose stays as it is. The covariance is the inverse of the
-    curvature times the residual variance, with a weak prior that keeps it finite.
+    Linear in five unknowns: the front's pose in the overview's frame, and the errors that all
+    ranges of the front, and of the overview, share.
     """
 
+    off: Float[Array, " pairs"]
+    """Signed distances off the lines in standard deviations, zero where a pair is not real."""
+    jacobian: Float[Array, "pairs 5"]
+    real: Bool[Array, " pairs"]
+
+
+def settle(reference: View, query: View, T_ref_query: Pose, config: RefineConfig) -> Pose:
+    """The pose near `T_ref_query` at which the query's end points lie on the reference's surfaces.
+
+    A fixed number of cheap steps with a robust weight (Tukey's) whose scale shrinks from one gate
+    to the other. Where no points can be paired the pose stays as it is.
+    """
+    beam, real = query.thin(config.points)
+    real = real & query.hit[beam]
+
     def step(T_ref_query: Pose, gate: Float[Array, ""]) -> tuple[Pose, None]:
-        system = _linearise(reference, query, T_ref_query, gate, config)
+        xy = transform(T_ref_query, query.xy[beam])
+        index, near = _paired(reference, xy, config.reach * gate)
+        normal = reference.normal[index]
+        off = dot(normal, xy - reference.xy[index])
+        weight = jnp.where(near & real, jnp.maximum(1.0 - (off / gate) ** 2, 0.0) ** 2, 0.0)
+        arm = xy - T_ref_query[None, :2]
+        columns = (normal[:, 0], normal[:, 1], normal[:, 1] * arm[:, 0] - normal[:, 0] * arm[:, 1])
         # One unit of damping is one point: nothing against a wall, enough along a corridor.
-        damped = _inverse(system.information + jnp.eye(3))
-        T_ref_query = T_ref_query - jnp.matmul(damped, system.gradient, precision=HIGHEST)
+        information = jnp.eye(3) + _symmetric(
+            [total(weight * a * b) for k, a in enumerate(columns) for b in columns[k:]]
+        )
+        gradient = jnp.stack([total(weight * off * column) for column in columns])
+        T_ref_query = T_ref_query - jnp.matmul(_inverse(information), gradient, precision=HIGHEST)
         return T_ref_query.at[2].set(wrap(T_ref_query[2])), None
 
     shrink = config.final_gate / config.gate
     gates = config.gate * shrink ** jnp.linspace(0.0, 1.0, config.iterations)
-    T_ref_query, _ = jax.lax.scan(step, T_ref_query, gates)
-    system = _linearise(reference, query, T_ref_query, config.final_gate, config)
-    variance = jnp.maximum(system.variance, config.noise**2)
-    information = system.information / variance + jnp.eye(3) / config.prior**2
-    return Refined(T_ref_query, _inverse(information))
+    return jax.lax.scan(step, T_ref_query, gates)[0]
 
 
-def _linearise(
-    reference: View, query: View, T_ref_query: Pose, gate: Float[Array, ""], config: RefineConfig
-) -> _System:
-    """Pair end points with the surfaces seen in their direction; weights fall to 0 at the gate."""
-    beam, real = query.thin(config.points)
-    xy = transform(T_ref_query, query.xy[beam])
-    index, visible = reference.look_up(xy)
-    normal = reference.normal[index]
-    gap = xy - reference.xy[index]
-    off = jnp.sum(normal * gap, axis=-1)
-    near = jnp.sum(gap * gap, axis=-1) < (config.reach * gate) ** 2
-    paired = query.hit[beam] & real & visible & near & jnp.any(normal != 0, axis=-1)
-    weight = jnp.where(paired, jnp.maximum(1.0 - (off / gate) ** 2, 0.0) ** 2, 0.0)
-    arm = xy - T_ref_query[None, :2]
+def refine(reference: View, query: View, T_ref_query: Pose, config: RefineConfig) -> Refined:
+    """`settle`, then `estimate`."""
+    return estimate(reference, query, settle(reference, query, T_ref_query, config), config)
+
+
+def estimate(reference: View, query: View, T_ref_query: Pose, config: RefineConfig) -> Refined:
+    """The pose near `T_ref_query` at which each scan's end points lie on the other's surfaces.
+
+    Points and surfaces are paired once, both ways, and their distances minimised with Tukey's
+    loss over five unknowns: the pose, and for each scan the error that all of its ranges share.
+    That error moves a whole wall, so no number of beams averages it out; as an unknown with the
+    scanner's systematic deviation for a prior it is estimated where walls face each other, and
+    elsewhere it widens the covariance in the direction that was seen.
+
+    The covariance is that of the pose in the inverse curvature at the minimum. A distance has the
+    variance of the range noise of both its ends, as far as that is along the normal, and of the
+    surface's roughness. Where several points are paired with one point of the other scan they
+    share its noise, which then counts so many times. Both ways see the same noise, so each way
+    counts for half. What the residuals have beyond this, in the mean square, is no noise but
+    something in the wrong place, which neighbouring beams share; with m the mean square over its
+    expectation and n such beams, the variance grows by Kish's design effect (Survey Sampling,
+    1965): m (1 + (n - 1) (m - 1) / m) = 1 + n (m - 1). A weak prior on the pose keeps everything
+    finite, also where there are no pairs.
+    """
+    pairs = _both_ways(reference, query, T_ref_query, config)
+    prior = 1.0 / jnp.stack([config.prior] * 3 + [config.bias] * 2)
+    trust = 1.0 / jnp.stack([config.trust] * 3 + [config.bias] * 2)
+
+    def residuals(step: Float[Array, "5"], _: None) -> tuple[Array, Array]:
+        off = pairs.off + jnp.matmul(pairs.jacobian, step, precision=HIGHEST)
+        return _tukey(off, config.outlier), trust * step
+
+    solution = optx.least_squares(
+        residuals,
+        optx.GaussNewton(rtol=1e-4, atol=1e-5, linear_solver=_NormalEquations()),
+        jnp.zeros(5),
+        max_steps=config.solver_steps,
+        throw=False,
+    )
+    step = solution.value
+    of_pairs, _ = residuals(step, None)
+    slope, _ = jax.jacfwd(residuals)(step, None)
+    mean_square = jnp.sum(of_pairs**2) / jnp.maximum(
+        0.5 * jnp.sum(pairs.real, dtype=jnp.float32), 1.0
+    )
+    inflation = 1.0 + config.cluster * jnp.maximum(mean_square - 1.0, 0.0)
+    information = jnp.matmul(slope.T, slope, precision=HIGHEST) / inflation + jnp.diag(prior**2)
+    T_ref_query = (T_ref_query + step[:3]).at[2].set(wrap(T_ref_query[2] + step[2]))
+    return Refined(T_ref_query, _inverse(information)[:3, :3])
+
+
+def _both_ways(reference: View, query: View, T_ref_query: Pose, config: RefineConfig) -> _Pairs:
+    """The query's end points on the reference's surfaces, and the other way about."""
+    ahead = _pairs(reference, query, T_ref_query, config)
+    back = _pairs(query, reference, inverse(T_ref_query), config)
+    # Back, the unknowns are the inverse pose, and the shared errors the other way round.
+    change = jnp.zeros((5, 5)).at[:3, :3].set(jax.jacfwd(inverse)(T_ref_query))
+    change = change.at[3, 4].set(1.0).at[4, 3].set(1.0)
+    jacobian = jnp.matmul(back.jacobian, change, precision=HIGHEST)
+    back = eqx.tree_at(lambda p: p.jacobian, back, jacobian)
+    return jax.tree.map(lambda *parts: jnp.concatenate(parts), ahead, back)
+
+
+def _pairs(overview: View, front: View, T_overview_front: Pose, config: RefineConfig) -> _Pairs:
+    """The front's end points and the overview's surfaces where they would be seen."""
+    beam, real = front.thin(config.beams)
+    xy = transform(T_overview_front, front.xy[beam])
+    index, near = _paired(overview, xy, config.reach * config.final_gate)
+    real = near & real & front.hit[beam]
+    normal, line_xy = overview.normal[index], overview.xy[index]
+    arm = xy - T_overview_front[None, :2]
+
+    def seen(ray: Float[Array, "pairs 2"], step: Float[Array, ""]):
+        """Cosine of the incidence, variance along the normal, spacing of hits on the surface."""
+        distance = jnp.maximum(safe_norm(ray), 1e-3)
+        cosine = dot(normal, ray) / distance
+        variance = config.noise**2 + (config.noise_per_metre * distance) ** 2
+        spacing = distance * step / jnp.maximum(jnp.abs(cosine), 0.1)
+        return cosine, cosine**2 * variance, spacing
+
+    thinned = jnp.maximum(front.beams.astype(jnp.float32) / beam.shape[0], 1.0)
+    of_front, variance, spacing = seen(arm, thinned * jnp.abs(front.angle_increment))
+    of_overview, shared, line_spacing = seen(line_xy, jnp.abs(overview.angle_increment))
+    sharing = jnp.maximum(line_spacing / jnp.maximum(spacing, 1e-6), 1.0)
+    weight = jnp.where(real, jax.lax.rsqrt(variance + sharing * shared + config.roughness**2), 0.0)
     turning = normal[:, 1] * arm[:, 0] - normal[:, 0] * arm[:, 1]
-    jacobian = jnp.concatenate([normal, turning[:, None]], axis=-1)
-    weighted = (weight[:, None] * jacobian).T
-    return _System(
-        information=jnp.matmul(weighted, jacobian, precision=HIGHEST),
-        gradient=jnp.matmul(weighted, off, precision=HIGHEST),
-        variance=jnp.sum(weight * off * off) / jnp.maximum(jnp.sum(weight), 1.0),
+    columns = [normal[:, 0], normal[:, 1], turning, -of_front, of_overview]
+    return _Pairs(
+        off=weight * dot(normal, xy - line_xy),
+        jacobian=weight[:, None] * jnp.stack(columns, axis=-1),
+        real=real,
     )
 
 
-def _inverse(matrix: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
-    """Inverse of a symmetric positive definite matrix by its factors L D Lᵀ, unrolled.
+def _paired(
+    reference: View, xy: Float[Array, "points 2"], reach: Float[Array, ""]
+) -> tuple[Int[Array, " points"], Bool[Array, " points"]]:
+    """The entry seen in each point's direction, and whether its surface is within reach."""
+    index, visible = reference.look_up(xy)
+    gap = xy - reference.xy[index]
+    near = dot(gap, gap) < reach**2
+    normal = reference.normal[index]
+    return index, visible & near & (dot(normal, normal) > 0)
 
-    LAPACK is called matrix by matrix, which would cost more than all the rest of a step, and
-    cofactors lose the sign in float32 where a surface is far away. Pivots are kept positive, so
-    the result always is positive definite.
+
+def _tukey(distances: Float[Array, " pairs"], outlier: Float[Array, ""]) -> Float[Array, " pairs"]:
+    """Residuals whose squares are Tukey's loss, at half weight: each pair is there both ways."""
+    share = jnp.minimum((distances / outlier) ** 2, 1.0)
+    inside = distances * jnp.sqrt(0.5 * (1.0 - share + share**2 / 3.0))
+    return jnp.where(share < 1.0, inside, outlier / jnp.sqrt(6.0))
+
+
+class _NormalEquations(lx.AbstractLinearSolver):
+    """Linear least squares in few unknowns by `_inverse`, which is finite along a corridor too."""
+
+    def init(self, operator: lx.AbstractLinearOperator, options: dict[str, Any]):
+        jacobian = operator.as_matrix()
+        return _inverse(jnp.matmul(jacobian.T, jacobian, precision=HIGHEST)), jacobian
+
+    def compute(self, state: Any, vector: Any, options: dict[str, Any]):
+        inverse_square, jacobian = state
+        gradient = jnp.matmul(jnp.concatenate(jax.tree.leaves(vector)), jacobian, precision=HIGHEST)
+        step = jnp.matmul(inverse_square, gradient, precision=HIGHEST)
+        return step, lx.RESULTS.successful, {}
+
+    def transpose(self, state: Any, options: dict[str, Any]):
+        raise NotImplementedError
+
+    def conj(self, state: Any, options: dict[str, Any]):
+        return state, options
+
+    def assume_full_rank(self) -> bool:
+        return True
+
+
+def _symmetric(upper: list[Float[Array, ""]]) -> Float[Array, "3 3"]:
+    """The 3 x 3 matrix with this upper triangle, row by row."""
+    return jnp.stack([upper[k] for k in (0, 1, 2, 1, 3, 4, 2, 4, 5)]).reshape(3, 3)
+
+
+def _inverse(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    """Inverse of a small symmetric positive definite matrix by its factors L D Lᵀ, unrolled.
+
+    Pivots are kept positive, so the result always is positive definite; LAPACK, which is called
+    matrix by matrix, gives NaN where rounding in float32 takes one below zero.
     """
-    tiny = jnp.finfo(jnp.float32).tiny
-    d0 = jnp.maximum(matrix[0, 0], tiny)
-    l10, l20 = matrix[1, 0] / d0, matrix[2, 0] / d0
-    d1 = jnp.maximum(matrix[1, 1] - l10 * l10 * d0, 1e-6 * matrix[1, 1])
-    l21 = (matrix[2, 1] - l20 * l10 * d0) / d1
-    d2 = jnp.maximum(matrix[2, 2] - l20 * l20 * d0 - l21 * l21 * d1, 1e-6 * matrix[2, 2])
-    one, zero = jnp.ones(()), jnp.zeros(())
-    rows = [
-        jnp.stack([one, zero, zero]) / jnp.sqrt(d0),
-        jnp.stack([-l10, one, zero]) / jnp.sqrt(d1),
-        jnp.stack([l10 * l21 - l20, -l21, one]) / jnp.sqrt(d2),
-    ]
-    inverse_factor = jnp.stack(rows)
-    return jnp.matmul(inverse_factor.T, inverse_factor, precision=HIGHEST)
+    size = matrix.shape[0]
+    left, right, rows = matrix, jnp.eye(size), []
+    for k in range(size):
+        least = jnp.maximum(1e-6 * matrix[k, k], jnp.finfo(jnp.float32).tiny)
+        pivot = jnp.maximum(left[k, k], least)
+        rows.append(right[k] / jnp.sqrt(pivot))
+        factor = jnp.where(jnp.arange(size) > k, left[:, k] / pivot, 0.0)[:, None]
+        left, right = left - factor * left[k][None], right - factor * right[k][None]
+    half = jnp.stack(rows)
+    return jnp.matmul(half.T, half, precision=HIGHEST)

@@ -11,9 +11,9 @@ from jaxtyping import Array, Float, Int
 
 from aprjax.alignment.align import Alternatives
 from aprjax.configuration import capacity
-from aprjax.evaluation.screen import ScreenConfig, screen
+from aprjax.evaluation.screen import ScreenConfig, screen, sketch
 from aprjax.evaluation.view import View
-from aprjax.refine import RefineConfig, refine
+from aprjax.refine import RefineConfig, settle
 
 
 class ShortlistConfig(eqx.Module):
@@ -75,23 +75,24 @@ def shortlist(
     if config.kept >= everything.row.shape[0]:
         return everything
 
-    def look(found: Alternatives, row: Int[Array, ""], screen_config: ScreenConfig):
-        reference = jax.tree.map(lambda array: array[row], references)
-        return screen(reference, query, found.T_ref_query, found.anchors, screen_config)
+    def look(
+        found: Alternatives, row: Int[Array, " size"], screen_config: ScreenConfig
+    ) -> Float[Array, " size"]:
+        theirs = jax.vmap(sketch, (0, None))(references, screen_config)
+        ours = sketch(query, screen_config)
+        return jax.vmap(screen, (None, 0, None, 0, 0, None))(
+            theirs, row, ours, found.T_ref_query, found.anchors, screen_config
+        )
 
-    def first_look(found: Alternatives, row: Int[Array, ""]):
-        return jax.vmap(look, (0, None, None))(found, row, config.screen)
-
-    first = jax.vmap(first_look)(aligned, rows).reshape(-1)
+    first = look(everything.alternatives, everything.row, config.screen)
     if config.kept >= config.passed:
         return everything.best(first, config.kept)
     passed = everything.best(first, config.passed)
 
-    def settle(found: Alternatives, row: Int[Array, ""]) -> Alternatives:
+    def settled_one(found: Alternatives, row: Int[Array, ""]) -> Alternatives:
         reference = jax.tree.map(lambda array: array[row], references)
-        refined = refine(reference, query, found.T_ref_query, config.settle)
-        return eqx.tree_at(lambda a: a.T_ref_query, found, refined.T_ref_query)
+        T_ref_query = settle(reference, query, found.T_ref_query, config.settle)
+        return eqx.tree_at(lambda a: a.T_ref_query, found, T_ref_query)
 
-    settled = Shortlist(jax.vmap(settle)(passed.alternatives, passed.row), passed.row)
-    second = jax.vmap(look, (0, 0, None))(settled.alternatives, settled.row, config.closer)
-    return settled.best(second, config.kept)
+    settled = Shortlist(jax.vmap(settled_one)(passed.alternatives, passed.row), passed.row)
+    return settled.best(look(settled.alternatives, settled.row, config.closer), config.kept)

@@ -3,7 +3,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from aprjax.numerics import bucket, safe_arctan2, safe_norm, wrap
+from aprjax.numerics import (
+    arctan2,
+    bucket,
+    dot,
+    safe_arctan2,
+    safe_norm,
+    square_gaps,
+    total,
+    wrap,
+)
 
 ANGLES = np.concatenate(
     [
@@ -75,3 +84,26 @@ def test_a_bucket_holds_its_items_and_at_most_a_fifth_padding():
 @pytest.mark.parametrize(("size", "smallest"), [(0, 8), (1, 8), (8, 8), (64, 64), (3, 64)])
 def test_few_items_go_into_the_smallest_bucket(size, smallest):
     assert bucket(size, smallest) == smallest
+
+
+def test_arctan2_is_that_of_numpy_in_every_direction_and_at_every_scale():
+    angle = np.linspace(-np.pi, np.pi, 100_001)
+    for scale in (1e-20, 1.0, 1e20):
+        y, x = (scale * f(angle).astype(np.float32) for f in (np.sin, np.cos))
+        wanted = np.arctan2(y.astype(float), x.astype(float))
+        np.testing.assert_allclose(jax.jit(arctan2)(y, x), wanted, atol=4e-7)
+
+
+@pytest.mark.parametrize(("y", "x"), [(0.0, 0.0), (0.0, -1.0), (-0.0, -1.0), (0.0, 1.0)])
+def test_arctan2_on_the_axis_is_that_of_numpy(y, x):
+    found = float(arctan2(jnp.float32(y), jnp.float32(x)))
+    assert found == pytest.approx(np.arctan2(y, x), abs=1e-6)
+
+
+def test_products_totals_and_gaps_are_those_of_numpy():
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(size=(2, 7, 2)).astype(np.float32)
+    np.testing.assert_allclose(dot(a, b), np.sum(a * b, axis=-1), rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(total(a), a.sum(axis=-1), rtol=1e-5, atol=1e-6)
+    wanted = np.sum((a[:, None] - b[None]) ** 2, axis=-1)
+    np.testing.assert_allclose(square_gaps(a, b), wanted, rtol=1e-5, atol=1e-6)

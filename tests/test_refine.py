@@ -1,10 +1,14 @@
+import dataclasses
+
 import jax
 import numpy as np
 import pytest
 
 from aprjax.references import ReferenceSet
-from aprjax.refine import RefineConfig, refine
+from aprjax.refine import RefineConfig, refine, settle
 from aprjax.scan import Scan
+from aprjax.sim.laser import Laser, take_scans
+from aprjax.sim.world import World
 from tests.make_logs import _near
 from tests.oracles import evaluation as oracle
 from tests.worlds import free_pose, office, scan_at
@@ -119,17 +123,87 @@ def test_covariances_are_symmetric_positive_definite_and_small_in_rooms(noisy):
     assert np.median(deviations.max(axis=1)) < 0.05
 
 
-def test_covariances_cover_the_errors(noisy):
+@pytest.fixture(scope="module")
+def simulated():
+    """Two offices as a SICK sees them, 48 pairs each: errors of the poses, and covariances."""
+    off, covariances = [], []
+    for seed in (3, 4):
+        rng = np.random.default_rng(seed)
+        world = office(seed)
+        here = [free_pose(world, rng) for _ in range(48)]
+        poses = np.array(here + [_near(world, pose, rng) for pose in here])
+        plan = World.make(world, np.zeros((0, 3)))
+        scans = take_scans(jax.random.key(seed), Laser.sick(), plan, None, poses)
+        views = ReferenceSet.build(scans).index.features.view
+        T = np.array([oracle.between(*pair) for pair in zip(poses[:48], poses[48:], strict=True)])
+        first, second = row(views, slice(0, 48)), row(views, slice(48, 96))
+        refined = fit(first, second, starts(T, seed), RefineConfig())
+        error = np.asarray(refined.T_ref_query) - T
+        error[:, 2] = np.angle(np.exp(1j * error[:, 2]))
+        off.append(error)
+        covariances.append(np.asarray(refined.covariance, float))
+    return np.concatenate(off), np.concatenate(covariances)
+
+
+def test_a_simulated_laser_is_placed_to_half_a_centimetre(simulated):
+    off, _ = simulated
+    assert np.median(np.hypot(off[:, 0], off[:, 1])) < 0.005
+    assert np.degrees(np.median(np.abs(off[:, 2]))) < 0.06
+
+
+def test_covariances_are_consistent_with_the_errors_of_a_simulated_laser(simulated):
     """The mean of squared errors over their covariance is 3 for a perfect estimate of it."""
+    off, covariance = simulated
+    square = np.sum(off * np.linalg.solve(covariance, off[..., None])[..., 0], axis=-1)
+    assert 2 <= np.mean(square) <= 4
+    assert np.mean(square < 7.815) >= 0.9
+
+
+def test_an_error_that_all_ranges_of_a_scan_share_does_not_move_the_pose():
+    """Not where walls face each other, which it puts off to either side."""
+    walls = np.array(
+        [[[-3, -2], [3, -2]], [[3, -2], [3, 2]], [[3, 2], [-3, 2]], [[-3, 2], [-3, -2]]]
+    )
+    poses = np.array([[-1.0, 0.3, 0.2], [-0.8, 0.0, 0.4], [-0.6, -0.3, 0.0]])
+    exact = [scan_at(walls, pose) for pose in poses]
+    long = [dataclasses.replace(scan, ranges=scan.ranges + 0.015) for scan in exact]
+    T = np.array([oracle.between(poses[0], pose) for pose in poses[1:]])
+    views = view_of(exact + long)
+    T = np.tile([oracle.between(poses[0], pose) for pose in poses[1:]], (PAIRS // 2, 1))
+    first, second = row(views, np.zeros(PAIRS, int)), row(views, np.tile([4, 5], PAIRS // 2))
+    distance, _ = errors(fit(first, second, starts(T, 0), RefineConfig()).T_ref_query, T).T
+    assert np.all(distance < 0.005)
+    ignored = RefineConfig(bias=1e-5)
+    distance, _ = errors(fit(first, second, starts(T, 0), ignored).T_ref_query, T).T
+    assert np.all(distance > 0.008)
+
+
+def test_an_end_that_is_found_from_several_starts_is_one_pose(noisy):
     first, second, T = noisy
-    refined = fit(first, second, T.astype(np.float32), RefineConfig())
-    off = np.asarray(refined.T_ref_query) - T
-    off[:, 2] = np.angle(np.exp(1j * off[:, 2]))
-    squared = [
-        error @ np.linalg.solve(covariance, error)
-        for error, covariance in zip(off, np.asarray(refined.covariance, float), strict=True)
-    ]
-    assert np.mean(squared) < 9
+    ends = [fit(first, second, starts(T, seed), RefineConfig()).T_ref_query for seed in range(6)]
+    close = [errors(end, np.asarray(ends[0], float)) for end in ends[1:]]
+    distance, angle = np.concatenate(close).T
+    assert np.mean(distance < 0.003) >= 0.8
+    assert np.median(angle) < np.radians(0.02)
+
+
+def test_settling_brings_a_pose_near(exact):
+    first, second, T = exact
+    coarse = jax.jit(jax.vmap(settle, (0, 0, 0, None)))
+    settled = coarse(first, second, starts(T, 0), RefineConfig(points=48, iterations=3))
+    distance, angle = errors(settled, T).T
+    assert np.median(distance) < 0.01
+    assert np.median(angle) < np.radians(0.2)
+
+
+def test_residuals_beyond_the_errors_of_the_scanner_widen_the_covariance(noisy):
+    """Neighbouring beams share what is no noise: it weighs more than a greater noise would."""
+    first, second, T = noisy
+    sure = fit(first, second, T.astype(np.float32), RefineConfig(cluster=0.0)).covariance
+    precise = RefineConfig(noise=0.001, noise_per_metre=0.0, roughness=0.003)
+    doubted = fit(first, second, T.astype(np.float32), precise).covariance
+    size = [np.sqrt(np.trace(np.asarray(c), axis1=1, axis2=2)) for c in (sure, doubted)]
+    assert np.median(size[1] / size[0]) > 1.5
 
 
 @pytest.mark.parametrize("heading", [0.0, 0.3, 0.8, 1.2])
@@ -165,3 +239,25 @@ def test_scans_with_nothing_in_common_stay_where_they_are_put(noisy):
         np.testing.assert_allclose(refined.T_ref_query, start, atol=1e-6)
         assert np.all(np.linalg.eigvalsh(np.asarray(refined.covariance, float)) > 0)
         assert np.all(np.diagonal(refined.covariance, axis1=1, axis2=2) > 0.1)
+
+
+def test_any_views_give_finite_poses_and_positive_definite_covariances():
+    wall = np.array([[[-50.0, 2.0], [50.0, 2.0]]])
+    poses = [np.array([0.0, 0.0, angle]) for angle in (np.pi / 2, 0.3, -np.pi / 2)]
+    scans = [scan_at(wall, pose) for pose in poses]
+    at_one_place = np.full(181, np.nan)
+    at_one_place[90:92] = 1e-3
+    odd = [at_one_place, np.full(181, 29.9), np.full(181, np.inf)]
+    geometry = {"angle_min": -np.pi / 2, "angle_increment": np.pi / 180, "range_max": 30.0}
+    scans += [Scan.make(ranges, **geometry) for ranges in odd]
+    scans.append(Scan.make(np.array([2.0]), **geometry))
+    views = view_of([scan.pad(256) for scan in scans])
+    one, other = (index.ravel() for index in np.indices((len(scans), len(scans))))
+    for start in ([0.0, 0.0, 0.0], [0.1, -0.05, 0.02], [1e3, -1e3, 3.0]):
+        starts = np.tile(np.float32(start), (len(one), 1))
+        refined = fit(row(views, one), row(views, other), starts, RefineConfig())
+        assert np.all(np.isfinite(refined.T_ref_query))
+        covariance = np.asarray(refined.covariance, float)
+        assert np.all(np.isfinite(covariance))
+        assert np.all(np.linalg.eigvalsh(covariance) > 0)
+        np.testing.assert_allclose(covariance, covariance.swapaxes(1, 2), rtol=1e-4, atol=1e-8)

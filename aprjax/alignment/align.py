@@ -9,7 +9,7 @@ from aprjax.alignment.cluster import ClusterConfig, centre_of_gravity, contribut
 from aprjax.alignment.correspondence import CorrespondenceConfig, correspondence_matrices
 from aprjax.alignment.rotation import RotationConfig, rotation_peaks
 from aprjax.configuration import capacity, threshold
-from aprjax.numerics import wrap
+from aprjax.numerics import square_gaps, wrap
 from aprjax.relations.graph import AnchorGraph
 from aprjax.se2 import Pose, transform
 
@@ -82,8 +82,8 @@ def agreement(
     reference: AnchorGraph, query: AnchorGraph, T_ref_query: Pose, distance: Float[Array, ""]
 ) -> Bool[Array, "n m"]:
     """Which anchors of the reference and of the query come to lie within `distance` metres."""
-    gap = reference.xy[:, None] - transform(T_ref_query, query.xy)[None, :]
-    near = jnp.sum(gap * gap, axis=-1) <= distance**2
+    moved = transform(T_ref_query, query.xy)
+    near = square_gaps(reference.xy, moved) <= distance**2
     return near & jnp.any(reference.valid, axis=1)[:, None] & jnp.any(query.valid, axis=1)[None, :]
 
 

@@ -6,7 +6,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.alignment.correspondence import CorrespondenceConfig
 from aprjax.configuration import threshold
-from aprjax.numerics import wrap
+from aprjax.numerics import arctan2, dot, square_gaps, wrap
 from aprjax.relations.graph import AnchorGraph
 from aprjax.se2 import Pose, rotate
 
@@ -51,9 +51,10 @@ def contributions(
 
     # Sine and cosine of an edge's rotation are products of unit vectors: no angle is needed.
     ours = query.unit[j, partner]
-    cos = jnp.sum(ours * unit, axis=-1)
+    cos = dot(ours, unit)
     sin = ours[:, 0] * unit[:, 1] - ours[:, 1] * unit[:, 0]
-    turn = jnp.arcsin(jnp.clip(sin * jnp.cos(rotation) - cos * jnp.sin(rotation), -1.0, 1.0))
+    cos_0, sin_0 = jnp.cos(rotation), jnp.sin(rotation)
+    turn = arctan2(sin * cos_0 - cos * sin_0, cos * cos_0 + sin * sin_0)
     arm = centre[None, :] - 0.5 * (query.xy[j][None, :] + query.xy[partner])
     turned = jnp.stack([cos * arm[:, 0] - sin * arm[:, 1], sin * arm[:, 0] + cos * arm[:, 1]], -1)
     middle = 0.5 * (reference.xy[i][None, :] + reference.xy) + turned
@@ -71,8 +72,11 @@ def centre_of_gravity(
     The cluster is what lies near the contribution with most neighbours; the others are the
     erroneous ones that the clustering is there to drop.
     """
-    gap = jnp.sum((found.middle[:, None] - found.middle[None, :]) ** 2, axis=-1)
-    near = (gap <= config.distance**2) & found.valid[None, :] & found.valid[:, None]
+    near = (
+        (square_gaps(found.middle, found.middle) <= config.distance**2)
+        & found.valid[None, :]
+        & found.valid[:, None]
+    )
     near = near & (jnp.abs(found.turn[:, None] - found.turn[None, :]) <= config.angle)
     seed = jnp.argmax(jnp.sum(near, axis=1))
     member = near[seed].astype(jnp.float32)

@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 from aprjax.configuration import capacity, threshold
 from aprjax.evaluation.synthetic_scan import synthetic_scan
 from aprjax.evaluation.view import View
-from aprjax.numerics import safe_norm
+from aprjax.numerics import safe_norm, total
 from aprjax.se2 import Pose, inverse, transform
 
 
@@ -53,14 +53,15 @@ class Verdicts(eqx.Module):
     ) -> Self:
         """The verdicts of single beams with end points `xy`, together."""
         one = agree.astype(jnp.float32)
-        number = jnp.sum(one)
+        x, y = xy[:, 0], xy[:, 1]
+        number = total(one)
         share = one / jnp.maximum(number, 1.0)
-        off = xy - jnp.sum(share[:, None] * xy, axis=0)[None, :]
+        off_x, off_y = x - total(share * x), y - total(share * y)
         return cls(
             agree=number,
-            contradict=jnp.sum(contradict, dtype=jnp.float32),
-            hits=jnp.sum(hit, dtype=jnp.float32),
-            extent=jnp.sqrt(jnp.sum(share * jnp.sum(off * off, axis=-1))),
+            contradict=total(contradict.astype(jnp.float32)),
+            hits=total(hit.astype(jnp.float32)),
+            extent=jnp.sqrt(total(share * (off_x * off_x + off_y * off_y))),
         )
 
 

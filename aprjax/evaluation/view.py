@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 from aprjax.anchors.segment import Segments
 from aprjax.anchors.surface import Surface
 from aprjax.configuration import threshold
+from aprjax.numerics import arctan2
 from aprjax.scan import Scan
 
 
@@ -54,15 +55,36 @@ class View(eqx.Module):
         k = jnp.arange(size)
         return jnp.where(self.beams > size, k * self.beams // size, k), k < self.beams
 
+    @property
+    def scanner(self) -> "Scanner":
+        """The directions of the entries."""
+        return Scanner(self.angle_min, self.angle_increment, self.beams, self.full_turn)
+
     def look_up(
         self, xy: Float[Array, "points 2"]
     ) -> tuple[Int[Array, " points"], Bool[Array, " points"]]:
         """The entry nearest in bearing to each point, and whether it is in the field of view."""
-        bearing = jnp.arctan2(xy[:, 1], xy[:, 0])
+        return self.scanner.look_up(xy)
+
+
+class Scanner(eqx.Module):
+    """In which directions a scanner looked."""
+
+    angle_min: Float[Array, "*batch"]
+    angle_increment: Float[Array, "*batch"]
+    beams: Int[Array, "*batch"]
+    full_turn: Bool[Array, "*batch"]
+
+    def look_up(
+        self, xy: Float[Array, "points 2"]
+    ) -> tuple[Int[Array, " points"], Bool[Array, " points"]]:
+        """The entry nearest in bearing to each point, and whether it is in the field of view."""
+        bearing = arctan2(xy[:, 1], xy[:, 0])
         width = jnp.abs(self.angle_increment)
-        turned = (bearing - self.angle_min) * jnp.sign(self.angle_increment)
         # Half a beam before the first one is still in view.
-        step = jnp.floor(jnp.mod(turned + 0.5 * width, 2 * np.pi) / width).astype(jnp.int32)
+        turned = (bearing - self.angle_min) * jnp.sign(self.angle_increment) + 0.5 * width
+        turned = turned - 2 * np.pi * jnp.floor(turned / (2 * np.pi))
+        step = jnp.floor(turned / width).astype(jnp.int32)
         step = jnp.where(self.full_turn & (step >= self.beams), 0, step)
         return jnp.minimum(step, self.beams - 1), step < self.beams
 

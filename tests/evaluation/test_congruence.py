@@ -11,7 +11,7 @@ from aprjax.evaluation.congruence import (
     quality,
     sees,
 )
-from aprjax.evaluation.screen import ScreenConfig, screen
+from aprjax.evaluation.screen import ScreenConfig, screen, sketch
 from aprjax.references import ReferenceSet
 from aprjax.se2 import inverse
 from tests.make_logs import _near
@@ -32,7 +32,10 @@ def _compare(reference, query, T_ref_query):
     seen = sees(reference, T_ref_query[:2]), sees(query, inverse(T_ref_query)[:2])
     anchors = jnp.int32(ANCHORS)
     e_m = quality(ahead, back, *seen, anchors, config.quality)
-    rough = screen(reference, query, T_ref_query, anchors, ScreenConfig())
+    rough_config = ScreenConfig()
+    ours, theirs = sketch(query, rough_config), sketch(reference, rough_config)
+    stacked = jax.tree.map(lambda array: array[None], theirs)
+    rough = screen(stacked, jnp.int32(0), ours, T_ref_query, anchors, rough_config)
     return ahead, back, seen, e_m, rough
 
 

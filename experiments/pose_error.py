@@ -1,0 +1,126 @@
+"""Errors of the matcher's poses in the simulated lab, and whether their covariances cover them.
+
+    python experiments/pose_error.py --out DIR [--quick]
+
+The queries of several seeds of the lab are matched globally with its references. Best hypotheses
+that are right (within 0.5 m and 10° of the truth) are counted: their median errors, the mean of
+e' C⁻¹ e, where e is the error of (x, y, theta) and C its covariance, which is 3 for a perfect
+estimate of C, and the share that lies inside the 95 % region. Writes `pose_error.csv` and
+`pose_error.png` into DIR; the exit status is 1 if over all seeds the mean is not from 2 to 4 or
+less than 90 % lie inside.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+from anchors import write_table
+from matplotlib.figure import Figure
+
+import aprjax
+from aprjax.io.atomic import atomic_write
+from aprjax.metrics import is_right, world_poses
+from aprjax.sim.lab import lab
+
+REGION = 7.815  # the 95 % quantile of chi-square with three degrees of freedom
+COLOUR, EXPECTED = "#1f5fa8", "#c1272d"
+
+
+def errors(seed: int, queries: int) -> tuple[np.ndarray, np.ndarray]:
+    """Errors `(n, 3)` and covariances `(n, 3, 3)` of right best hypotheses, in a lab of a seed.
+
+    Both are in the reference's frame, in metres and radians.
+    """
+    place = lab(seed, queries=queries)
+    references = aprjax.ReferenceSet.build(place.references.scans)
+    result = aprjax.match_batch(place.queries.scans, references)
+    T_world_ref, T_world_query = place.references.T_world_laser, place.queries.T_world_laser
+    poses = world_poses(result, references.ids, T_world_ref)[:, 0]
+    right = result.valid[:, 0] & is_right(poses, T_world_query)
+
+    T_world_ref = T_world_ref[np.searchsorted(references.ids, result.reference[right, 0])]
+    off = poses[right] - T_world_query[right]
+    cos, sin = np.cos(T_world_ref[:, 2]), np.sin(T_world_ref[:, 2])
+    x, y = cos * off[:, 0] + sin * off[:, 1], cos * off[:, 1] - sin * off[:, 0]
+    turn = np.angle(np.exp(1j * off[:, 2]))
+    return np.stack([x, y, turn], axis=-1), np.asarray(result.covariance, float)[right, 0]
+
+
+def normalised(error: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Squared errors over their covariances `(n,)`."""
+    return np.sum(error * np.linalg.solve(covariance, error[..., None])[..., 0], axis=-1)
+
+
+def row(name: str, error: np.ndarray, square: np.ndarray) -> dict:
+    """What came of one lab."""
+    gap, turn = np.hypot(error[:, 0], error[:, 1]), np.degrees(np.abs(error[:, 2]))
+    return {
+        "lab": name,
+        "right": len(error),
+        "median_m": round(float(np.median(gap)), 4),
+        "p95_m": round(float(np.quantile(gap, 0.95)), 4),
+        "median_deg": round(float(np.median(turn)), 4),
+        "p95_deg": round(float(np.quantile(turn, 0.95)), 4),
+        "mean_normalised": round(float(np.mean(square)), 3),
+        "inside_95": round(float(np.mean(square <= REGION)), 4),
+    }
+
+
+def picture(error: np.ndarray, square: np.ndarray, path: Path) -> None:
+    """Distributions of the errors, and of what they are over their covariances."""
+    figure = Figure(figsize=(12, 3.6), layout="constrained")
+    distance, angle, histogram = figure.subplots(1, 3)
+    share = np.arange(1, len(error) + 1) / len(error)
+    for ax, values, unit in (
+        (distance, 100 * np.hypot(error[:, 0], error[:, 1]), "distance from the truth / cm"),
+        (angle, np.degrees(np.abs(error[:, 2])), "angle from the truth / °"),
+    ):
+        ax.step(np.sort(values), share, where="post", color=COLOUR)
+        ax.set_xscale("log")
+        ax.set_xlabel(unit)
+        ax.set_ylabel("share of right hypotheses")
+        ax.set_ylim(0, 1)
+        ax.grid(color="#dddddd", linewidth=0.5)
+    edges = np.linspace(0, 15, 31)
+    # What lies beyond is counted in the last bin, so that none is left out of sight.
+    histogram.hist(
+        np.minimum(square, edges[-1] - 1e-6), edges, density=True, color=COLOUR, alpha=0.6,
+        label="found; beyond 15 in the last bin",
+    )  # fmt: skip
+    x = np.linspace(0, 15, 301)
+    density = np.sqrt(x / (2 * np.pi)) * np.exp(-x / 2)
+    histogram.plot(x, density, color=EXPECTED, label="chi-square, 3 degrees of freedom")
+    histogram.axvline(REGION, color=EXPECTED, linestyle=":", label="95 % region")
+    histogram.set_xlabel("squared error over covariance")
+    histogram.set_ylabel("density")
+    histogram.legend(fontsize=8, framealpha=1, edgecolor="none", loc="upper right")
+    with atomic_write(path, "wb") as file:
+        figure.savefig(file, format="png", dpi=110)
+
+
+def main() -> int:
+    """Print and write the table and the picture; the exit status."""
+    parser = argparse.ArgumentParser(description="Errors and covariances in the simulated lab.")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--quick", action="store_true", help="fewer labs and queries")
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+
+    seeds, queries = (range(2), 100) if arguments.quick else (range(6), 400)
+    found = [errors(seed, queries) for seed in seeds]
+    squares = [normalised(*one) for one in found]
+    rows = [
+        row(str(seed), error, square)
+        for seed, (error, _), square in zip(seeds, found, squares, strict=True)
+    ]
+    error, square = np.concatenate([error for error, _ in found]), np.concatenate(squares)
+    total = row("all", error, square)
+    write_table([*rows, total], arguments.out / "pose_error.csv")
+    picture(error, square, arguments.out / "pose_error.png")
+    consistent = 2 <= total["mean_normalised"] <= 4 and total["inside_95"] >= 0.9
+    return 0 if consistent else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
