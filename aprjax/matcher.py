@@ -20,6 +20,7 @@ from aprjax.evaluation.distinctiveness import (
     rivalry,
     same_pose,
 )
+from aprjax.evaluation.probability import ProbabilityConfig, probability
 from aprjax.evaluation.view import View
 from aprjax.features import Features, describe
 from aprjax.numerics import bucket
@@ -43,6 +44,7 @@ class MatchConfig(eqx.Module):
     refine: RefineConfig = RefineConfig()
     congruence: CongruenceConfig = CongruenceConfig()
     distinctiveness: DistinctivenessConfig = DistinctivenessConfig()
+    probability: ProbabilityConfig = ProbabilityConfig()
     min_quality: Float[Array, ""] = threshold(0.0, "least e_m of a hypothesis")
     confident: Float[Array, ""] = threshold(0.18, "least e_m of an answer that may be acted on")
     top_k: int | None = capacity(None, "references aligned, those of the highest q_m; None is all")
@@ -86,6 +88,8 @@ class MatchResult(eqx.Module):
     """Of `T_ref_query`: m², m rad, rad²."""
     quality: Float[Array, "*batch K"]
     """e_m in [0, 1]."""
+    probability: Float[Array, "*batch K"]
+    """Of being right, from e_m; see `aprjax.evaluation.probability` for what it assumes."""
     preselection: Float[Array, "*batch K"]
     """q_m of the reference."""
     agreeing_anchors: Int[Array, "*batch K"]
@@ -270,6 +274,7 @@ def _match_one(
         T_ref_query=known(estimated.T_ref_query),
         covariance=known(estimated.covariance),
         quality=jnp.where(valid, qualities, 0.0),
+        probability=jnp.where(valid, probability(qualities, config.probability), 0.0),
         preselection=known(q_m[row][best]),
         agreeing_anchors=known(anchors[best]),
         agreeing_beams=known(beams[best].astype(jnp.int32)),

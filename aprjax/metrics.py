@@ -101,6 +101,36 @@ def is_right(poses: np.ndarray, truth: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
+class Reliability:
+    """Hypotheses by the probability they claim, in bins that hold some."""
+
+    claimed: np.ndarray
+    """Mean probability in each bin."""
+    right: np.ndarray
+    """Share of the right ones in it."""
+    count: np.ndarray
+
+    @property
+    def error(self) -> float:
+        """Expected calibration error: the mean of |claimed - right| over all hypotheses."""
+        share = self.count / max(self.count.sum(), 1)
+        return float(np.sum(share * np.abs(self.claimed - self.right)))
+
+
+def reliability(probability: np.ndarray, right: np.ndarray, bins: int = 10) -> Reliability:
+    """Compare claimed probabilities `(n,)` with what is `right` `(n,)`, in bins of equal width."""
+    probability, right = np.asarray(probability, float), np.asarray(right, float)
+    bin_ = np.minimum((probability * bins).astype(int), bins - 1)
+    count = np.bincount(bin_, minlength=bins)
+    filled = np.flatnonzero(count)
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        return np.bincount(bin_, values, minlength=bins)[filled] / count[filled]
+
+    return Reliability(mean(probability), mean(right), count[filled])
+
+
+@dataclass(frozen=True)
 class Scores:
     """Shares of the mapped queries, those taken where some reference was."""
 

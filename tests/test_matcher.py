@@ -553,3 +553,20 @@ def test_scans_of_the_wrong_rank_are_refused(scene):
     none = jax.tree.map(lambda array: array[:0], stacked)
     with pytest.raises(ValueError, match=r"\(0, 192\)"):
         match_batch(none, scene.references)
+
+
+def test_the_probability_follows_the_quality_and_is_zero_where_there_is_no_hypothesis(result):
+    assert (result.probability[~result.valid] == 0).all()
+    order = np.argsort(result.quality[result.valid])
+    assert (np.diff(result.probability[result.valid][order]) >= 0).all()
+    assert (result.probability[result.confident, 0] > 0.9).all()
+
+
+def test_a_batch_that_several_processors_share_has_every_query_once_and_in_its_place(
+    scene, result, monkeypatch
+):
+    monkeypatch.setattr("os.cpu_count", lambda: 3)
+    shared = to_numpy(match_batch(scene.queries[:5], scene.references, MatchConfig(chunk=1)))
+    jax.tree.map(
+        lambda ours, whole: np.testing.assert_allclose(ours, whole[:5], atol=1e-4), shared, result
+    )

@@ -6,7 +6,7 @@ import pytest
 from aprjax.anchors.candidates import Kind
 from aprjax.anchors.extract import Anchors
 from aprjax.matcher import MatchResult
-from aprjax.metrics import is_right, reappearing, repeatability, world_poses
+from aprjax.metrics import is_right, reappearing, reliability, repeatability, world_poses
 from aprjax.scan import Scan
 
 STILL = np.zeros(3)
@@ -136,3 +136,18 @@ def test_right_is_within_half_a_metre_and_ten_degrees():
     ]
     expected = [True, True, False, False, True, False, True]
     assert is_right(np.array(poses), truth).tolist() == expected
+
+
+def test_reliability_compares_claims_with_what_is_right_bin_by_bin():
+    claimed = np.array([0.0, 0.05, 0.31, 0.39, 0.35, 1.0, 0.95, 1.0])
+    right = np.array([0, 0, 1, 0, 0, 1, 1, 0], bool)
+    found = reliability(claimed, right)
+    np.testing.assert_allclose(found.claimed, [0.025, 0.35, 2.95 / 3])
+    np.testing.assert_allclose(found.right, [0, 1 / 3, 2 / 3])
+    assert found.count.tolist() == [2, 3, 3]
+    wanted = (2 * 0.025 + 3 * abs(0.35 - 1 / 3) + 3 * abs(2.95 / 3 - 2 / 3)) / 8
+    assert found.error == pytest.approx(wanted)
+
+
+def test_no_hypotheses_have_no_calibration_error():
+    assert reliability(np.zeros(0), np.zeros(0, bool)).error == 0

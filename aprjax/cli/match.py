@@ -164,6 +164,7 @@ def _match(
                     "status": np.array([Status(int(s)).text for s in result.status]),
                     "agreeing_anchors": result.agreeing_anchors,
                     "agreeing_beams": result.agreeing_beams,
+                    "probability": result.probability,
                 }
             )
             seconds.append((stop - start, time.monotonic() - began))

@@ -20,6 +20,7 @@ MATCH_COLUMNS = (
     "status",
     "anchors",
     "beams",
+    "probability",
 )
 
 
@@ -34,6 +35,7 @@ def write_matches(
     status: Sequence[str],
     agreeing_anchors: np.ndarray,
     agreeing_beams: np.ndarray,
+    probability: np.ndarray,
 ) -> None:
     """Write Q queries with up to K hypotheses each, best first, one row per valid hypothesis.
 
@@ -55,6 +57,7 @@ def write_matches(
         ("status", status, shape[:1]),
         ("agreeing_anchors", agreeing_anchors, shape),
         ("agreeing_beams", agreeing_beams, shape),
+        ("probability", probability, shape),
     ):
         if np.shape(value) != expected:
             raise ValueError(f"{name}: shape {np.shape(value)} is not {expected}")
@@ -74,10 +77,11 @@ def write_matches(
                         outcome,
                         int(agreeing_anchors[query, k]),
                         int(agreeing_beams[query, k]),
+                        _shortest(probability[query, k]),
                     )
                 )
             if not hypotheses.size:
-                table.writerow((query, 0, *[""] * 6, outcome, "", ""))
+                table.writerow((query, 0, *[""] * 6, outcome, "", "", ""))
 
 
 def _shortest(value: float) -> str:

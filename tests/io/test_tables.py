@@ -18,6 +18,7 @@ def results(**changes: Any) -> dict[str, Any]:
         "status": ["ok", "no_candidate", "ambiguous"],
         "agreeing_anchors": np.array([[5, 4], [0, 0], [0, 3]]),
         "agreeing_beams": np.array([[100, 90], [0, 0], [0, 80]]),
+        "probability": np.array([[1.0, 0.99], [0, 0], [np.nan, 0.5]], np.float32),
     }
     return arrays | changes
 
@@ -30,11 +31,11 @@ def read(path):
 def test_one_row_per_valid_hypothesis_and_one_for_a_query_without(tmp_path):
     write_matches(tmp_path / "m.csv", **results())
     assert (tmp_path / "m.csv").read_text() == (
-        "query,rank,reference,x,y,theta,quality,preselection,status,anchors,beams\n"
-        "0,0,4,0.0,0.1,0.2,0.9,0.33333334,ok,5,100\n"
-        "0,1,7,0.3,0.4,0.5,0.8,0.33333334,ok,4,90\n"
-        "1,0,,,,,,,no_candidate,,\n"
-        "2,0,2,1.5,1.6,1.7,0.7,0.33333334,ambiguous,3,80\n"
+        "query,rank,reference,x,y,theta,quality,preselection,status,anchors,beams,probability\n"
+        "0,0,4,0.0,0.1,0.2,0.9,0.33333334,ok,5,100,1.0\n"
+        "0,1,7,0.3,0.4,0.5,0.8,0.33333334,ok,4,90,0.99\n"
+        "1,0,,,,,,,no_candidate,,,\n"
+        "2,0,2,1.5,1.6,1.7,0.7,0.33333334,ambiguous,3,80,0.5\n"
     )
 
 
