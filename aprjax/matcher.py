@@ -119,6 +119,7 @@ def match_batch(
 ) -> MatchResult:
     """Where each scan was taken, with respect to every reference, in one jitted call.
 
+    On a CPU, a batch of several chunks is shared among its cores, one such call for each.
     `scans` is a list of scans or a stacked `Scan`; the result has a leading axis of that length
     and lies on the host. The call compiles once for each bucket of beams, of references and
     of queries (see `numerics.bucket`), whatever the thresholds. Raises `ValueError` for an empty
