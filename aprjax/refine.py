@@ -118,15 +118,17 @@ def estimate(reference: View, query: View, T_ref_query: Pose, config: RefineConf
     scanner's systematic deviation for a prior it is estimated where walls face each other, and
     elsewhere it widens the covariance in the direction that was seen.
 
-    The covariance is that of the pose in the inverse curvature at the minimum. A distance has the
-    variance of the range noise of both its ends, as far as that is along the normal, and of the
-    surface's roughness. Where several points are paired with one point of the other scan they
-    share its noise, which then counts so many times. Both ways see the same noise, so each way
-    counts for half. What the residuals have beyond this, in the mean square, is no noise but
-    something in the wrong place, which neighbouring beams share; with m the mean square over its
-    expectation and n such beams, the variance grows by Kish's design effect (Survey Sampling,
-    1965): m (1 + (n - 1) (m - 1) / m) = 1 + n (m - 1). A weak prior on the pose keeps everything
-    finite, also where there are no pairs.
+    The solve trusts its start to `trust`: where few surfaces hold the pose, a robust loss has
+    minima far away. The covariance makes no use of that. It is that of the pose in the inverse
+    curvature at the minimum. A distance has the variance of the range noise of both its ends,
+    as far as that is along the normal, and of the surface's roughness. Where several points are
+    paired with one point of the other scan they share its noise, which then counts so many
+    times. Both ways see the same noise, so each way counts for half. What the residuals have
+    beyond this, in the mean square, is no noise but something in the wrong place, which
+    neighbouring beams share; with m the mean square over its expectation and n such beams, the
+    variance grows by Kish's design effect (Survey Sampling, 1965): m (1 + (n - 1) (m - 1) / m)
+    = 1 + n (m - 1). A weak prior on the pose keeps everything finite, also where there are no
+    pairs.
     """
     pairs = _both_ways(reference, query, T_ref_query, config)
     prior = 1.0 / jnp.stack([config.prior] * 3 + [config.bias] * 2)
@@ -230,7 +232,7 @@ class _NormalEquations(lx.AbstractLinearSolver):
         return step, lx.RESULTS.successful, {}
 
     def transpose(self, state: Any, options: dict[str, Any]):
-        raise NotImplementedError
+        raise NotImplementedError("least squares never solves the transposed system")
 
     def conj(self, state: Any, options: dict[str, Any]):
         return state, options
