@@ -21,7 +21,6 @@ from aprjax.evaluation.distinctiveness import (
     same_pose,
 )
 from aprjax.evaluation.probability import ProbabilityConfig, probability
-from aprjax.evaluation.view import View
 from aprjax.features import Features, describe
 from aprjax.numerics import bucket
 from aprjax.references import ReferenceIndex, ReferenceSet
@@ -250,7 +249,7 @@ def _match_one(
 
     T_ref_query, e_m, anchors, beams = jax.vmap(evaluate)(kept, row)
     e_m = jnp.where(kept.valid, e_m, 0.0)
-    best, qualities, rival = _ranked(T_ref_query, row, e_m, views, config)
+    best, qualities, rival = _ranked(T_ref_query, row, e_m, references, config)
     valid = (qualities >= config.min_quality) & (qualities > 0)
 
     def final(T_ref_query: Pose, row: Int[Array, ""]) -> Refined:
@@ -301,7 +300,7 @@ def _ranked(
     T_ref_query: Pose,
     row: Int[Array, " kept"],
     e_m: Float[Array, " kept"],
-    references: View,
+    references: ReferenceIndex,
     config: MatchConfig,
 ) -> tuple[Int[Array, " K"], Float[Array, " K"], Bool[Array, ""]]:
     """The K best alternatives, their qualities, and whether the best one has an equal rival.
@@ -317,12 +316,13 @@ def _ranked(
 
     size = max(rules.rivals, config.hypotheses)
     _, (best, e_m) = jax.lax.scan(choose, e_m, length=size)
-    excluding = jax.vmap(rivalry, (None, 0, None, 0, None, None, None))(
+    excluding = jax.vmap(rivalry, (None, 0, None, 0, None, None, None, None))(
         row[best[0]],
         row[best],
         T_ref_query[best[0]],
         T_ref_query[best],
-        references,
+        references.features.view,
+        references.placement,
         config.congruence,
         rules,
     )

@@ -9,6 +9,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
+from aprjax.evaluation.distinctiveness import Placement
 from aprjax.features import FeatureConfig, Features, describe
 from aprjax.numerics import bucket
 from aprjax.scan import Scan
@@ -21,6 +22,7 @@ class ReferenceIndex(eqx.Module):
     """Leading axis `rows`."""
     ids: Int[Array, " rows"]
     """Ascending; -1 in the padding at the end."""
+    placement: Placement
     config: FeatureConfig
 
     @property
@@ -51,14 +53,26 @@ class ReferenceSet:
     """`(references,)`, ascending."""
     next_id: int
     """What the next reference will be called."""
+    T_world_ref: np.ndarray
+    """`(references, 3)`: poses in one frame of the user's, in metres and radians; NaN where not
+    known."""
     index: ReferenceIndex
 
     @classmethod
-    def build(cls, scans: Sequence[Scan] | Scan, config: FeatureConfig | None = None) -> Self:
+    def build(
+        cls,
+        scans: Sequence[Scan] | Scan,
+        config: FeatureConfig | None = None,
+        T_world_ref: np.ndarray | None = None,
+    ) -> Self:
         """The set of these scans, with ids 0, 1, …
 
-        `scans` is a list or a stacked `Scan` `(references, slots)`. Raises `ValueError` if it is
-        empty. A scan without anchors is kept and never matched.
+        `scans` is a list or a stacked `Scan` `(references, slots)`. A scan without anchors is
+        kept and never matched. `T_world_ref` `(references, 3)`, metres and radians, are the poses
+        of the lasers in one frame, for a user who has a metric map; they are not needed. Matching
+        uses them to tell whether two answers mean the same place, and for nothing else. A row of
+        NaN is a pose that is not known. Raises `ValueError` if there is no scan, and for poses of
+        another shape or that are infinite.
         """
         stacked = scans if isinstance(scans, Scan) else Scan.stack(scans)
         if np.ndim(stacked.ranges) != 2:
@@ -66,23 +80,43 @@ class ReferenceSet:
                 f"scans: ranges of shape {np.shape(stacked.ranges)} are not (references, beams)"
             )
         count = np.shape(stacked.ranges)[0]
-        return cls.restore(stacked, np.arange(count), count, config or FeatureConfig())
+        return cls.restore(stacked, np.arange(count), count, config or FeatureConfig(), T_world_ref)
 
     @classmethod
-    def restore(cls, scans: Scan, ids: np.ndarray, next_id: int, config: FeatureConfig) -> Self:
+    def restore(
+        cls,
+        scans: Scan,
+        ids: np.ndarray,
+        next_id: int,
+        config: FeatureConfig,
+        T_world_ref: np.ndarray | None = None,
+    ) -> Self:
         """The set of stacked `scans` under ascending `ids` `(references,)`, as a file holds it."""
-        return cls(
-            scans=scans,
-            ids=np.asarray(ids, np.int32),
-            next_id=next_id,
-            index=_index(_described(scans, config), np.asarray(ids, np.int32), config),
-        )
+        poses = _poses(T_world_ref, len(ids))
+        return cls._of(scans, ids, next_id, poses, _described(scans, config), config)
+
+    @classmethod
+    def _of(
+        cls,
+        scans: Scan,
+        ids: np.ndarray,
+        next_id: int,
+        T_world_ref: np.ndarray,
+        features: Features,
+        config: FeatureConfig,
+    ) -> Self:
+        """The set of scans whose features are known, on the host."""
+        ids = np.asarray(ids, np.int32)
+        return cls(scans, ids, next_id, T_world_ref, _index(features, ids, T_world_ref, config))
 
     def __len__(self) -> int:
         return len(self.ids)
 
-    def add(self, scans: Sequence[Scan] | Scan) -> Self:
-        """The set with these scans added under the next ids; only they are described anew."""
+    def add(self, scans: Sequence[Scan] | Scan, T_world_ref: np.ndarray | None = None) -> Self:
+        """The set with these scans added under the next ids; only they are described anew.
+
+        `T_world_ref` as in `build`, for the added scans.
+        """
         slots = self.scans.ranges.shape[-1]
         new = scans if isinstance(scans, Scan) else Scan.stack(scans)
         count = new.ranges.shape[0]
@@ -96,12 +130,8 @@ class ReferenceSet:
             both = _joined(self.scans, new)
             features = _joined(self._features(), _described(new, self.index.config))
         ids = np.r_[self.ids, self.next_id + np.arange(count)].astype(np.int32)
-        return type(self)(
-            scans=both,
-            ids=ids,
-            next_id=self.next_id + count,
-            index=_index(features, ids, self.index.config),
-        )
+        poses = np.concatenate([self.T_world_ref, _poses(T_world_ref, count)])
+        return self._of(both, ids, self.next_id + count, poses, features, self.index.config)
 
     def remove(self, ids: Iterable[int]) -> Self:
         """The set without the references of these ids; the others keep theirs.
@@ -113,11 +143,13 @@ class ReferenceSet:
             if value not in self.ids:
                 raise ValueError(f"ids[{position}]: no reference has id {value}")
         keep = ~np.isin(self.ids, gone)
-        return type(self)(
-            scans=_rows(self.scans, keep),
-            ids=self.ids[keep],
-            next_id=self.next_id,
-            index=_index(_rows(self._features(), keep), self.ids[keep], self.index.config),
+        return self._of(
+            _rows(self.scans, keep),
+            self.ids[keep],
+            self.next_id,
+            self.T_world_ref[keep],
+            _rows(self._features(), keep),
+            self.index.config,
         )
 
     def _features(self) -> Features:
@@ -151,7 +183,22 @@ def _joined(first, second):
     return jax.tree.map(lambda a, b: np.concatenate([a, b]), first, second)
 
 
-def _index(features: Features, ids: np.ndarray, config: FeatureConfig) -> ReferenceIndex:
+def _poses(T_world_ref: np.ndarray | None, count: int) -> np.ndarray:
+    """Checked poses `(count, 3)`, NaN where none are given."""
+    if T_world_ref is None:
+        return np.full((count, 3), np.nan, np.float32)
+    poses = np.asarray(T_world_ref, np.float32)
+    if poses.shape != (count, 3):
+        raise ValueError(f"T_world_ref: shape {poses.shape} is not ({count}, 3)")
+    infinite = np.flatnonzero(np.isinf(poses).any(axis=1))
+    if infinite.size:
+        raise ValueError(f"T_world_ref[{infinite[0]}]: {poses[infinite[0]]} is not finite")
+    return poses
+
+
+def _index(
+    features: Features, ids: np.ndarray, T_world_ref: np.ndarray, config: FeatureConfig
+) -> ReferenceIndex:
     """The index of unpadded features."""
     missing = bucket(max(len(ids), 1)) - len(ids)
 
@@ -166,4 +213,6 @@ def _index(features: Features, ids: np.ndarray, config: FeatureConfig) -> Refere
         padded,
         pad(np.asarray(features.view.angle_increment), fill=1),
     )
-    return ReferenceIndex(padded, pad(ids, fill=-1), config)
+    known = np.isfinite(T_world_ref).all(axis=1)
+    placement = Placement(pad(np.where(known[:, None], T_world_ref, 0.0)), pad(known))
+    return ReferenceIndex(padded, pad(ids, fill=-1), placement, config)

@@ -1,7 +1,7 @@
 """Places that look alike are all named and none is called certain; one distinct object decides.
 
 Every world is made of identical cells, with references in some of them. The matcher knows no pose
-of a reference. Scans have noise of 1 cm and see all around.
+of a reference unless it is told. Scans have noise of 1 cm and see all around.
 """
 
 from itertools import pairwise
@@ -69,15 +69,18 @@ CROSSINGS = np.array([(5.0 * i, 5.0 * j, 0) for i in (2, 3, 4) for j in (2, 3)])
 # What is found in them
 
 
-def located(world, places, queries, range_max, seed):
-    """The result of `queries`, with references at `places`, and the poses `(Q, K, 3)` it gives."""
+def located(world, places, queries, range_max, seed, posed=False):
+    """The result of `queries`, with references at `places`, and the poses `(Q, K, 3)` it gives.
+
+    The matcher is told the references' poses if `posed`.
+    """
     rng = np.random.default_rng(seed)
 
     def take(poses):
         fov = 2 * np.pi * 360 / 361
         return [scan_at(world, pose, 361, fov, 0.01, rng, range_max) for pose in poses]
 
-    references = ReferenceSet.build(take(places))
+    references = ReferenceSet.build(take(places), T_world_ref=places if posed else None)
     result = jax.tree.map(np.asarray, match_batch(take(queries), references, MANY))
     return result, world_poses(result, references.ids, places)
 
@@ -154,7 +157,7 @@ def test_doors_that_face_each_other_are_all_named_either_way_round_and_none_is_c
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_doors_on_one_side_are_all_named(seed):
-    """Whether they are called ambiguous is another matter: the references contradict nothing."""
+    """They are not called ambiguous unless poses are known: the references contradict nothing."""
     off = offsets(seed, 4, 0.4)
     result, poses = located(corridor((1,)), DOORS, DOORS[1:5] + off, 5.0, seed)
     for query in range(4):
@@ -167,6 +170,32 @@ def test_a_cupboard_between_two_doors_makes_the_answer_at_both_right_and_certain
     queries = DOORS[[2, 3, 2, 3]] + offsets(seed, 4, 0.4)
     world = np.concatenate([corridor(sides), box(2.5 * PERIOD, -0.75, 0.9, 0.5)])
     result, poses = located(world, DOORS, queries, 5.0, seed)
+    assert_certain(result, poses, queries)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_with_known_poses_none_of_the_doors_on_one_side_is_certain(seed):
+    off = offsets(seed, 4, 0.4)
+    result, poses = located(corridor((1,)), DOORS, DOORS[1:5] + off, 5.0, seed, posed=True)
+    for query in range(4):
+        assert_all_named(result, poses, query, alike(DOORS, off[query]))
+    assert_ambiguous(result)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_with_known_poses_doors_away_from_a_cupboard_are_not_certain(seed):
+    """The cupboard is at doors 2 and 3 alone; the queries are at doors 0, 1, 4 and 5."""
+    queries = DOORS[[0, 1, 4, 5]] + offsets(seed, 4, 0.4)
+    world = np.concatenate([corridor((1,)), box(2.5 * PERIOD, -0.75, 0.9, 0.5)])
+    result, _ = located(world, DOORS, queries, 4.0, seed, posed=True)
+    assert_ambiguous(result)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_with_known_poses_a_cupboard_still_makes_the_answer_certain(seed):
+    queries = DOORS[[2, 3, 2, 3]] + offsets(seed, 4, 0.4)
+    world = np.concatenate([corridor((1,)), box(2.5 * PERIOD, -0.75, 0.9, 0.5)])
+    result, poses = located(world, DOORS, queries, 5.0, seed, posed=True)
     assert_certain(result, poses, queries)
 
 
@@ -188,3 +217,17 @@ def test_a_screen_beside_a_crossing_makes_the_answer_there_right_and_certain(see
     world = np.concatenate([hall(), box(14.2, 17.0, 3.0, 0.2)])
     result, poses = located(world, CROSSINGS, queries, 6.0, seed)
     assert_certain(result, poses, queries)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_with_known_poses_the_two_sides_of_a_screen_are_both_named_and_neither_is_certain(seed):
+    """The world is the same turned half about the screen's middle, between two references."""
+    off = offsets(seed, 4, 0.5)
+    world = np.concatenate([hall(), box(15.0, 12.5, 2.0, 0.2)])
+    queries = CROSSINGS[3] + off
+    result, poses = located(world, CROSSINGS, queries, 6.0, seed, posed=True)
+    other = CROSSINGS[2] + (0, 0, np.pi)
+    for query in range(4):
+        expected = np.concatenate([alike(CROSSINGS[3:4], off[query]), alike([other], off[query])])
+        assert_all_named(result, poses, query, expected)
+    assert_ambiguous(result)

@@ -148,3 +148,38 @@ def test_scans_of_the_wrong_rank_are_refused(references, scans):
         ReferenceSet.build(scans[0])
     with pytest.raises(ValueError, match=r"scans\[1\]"):
         ReferenceSet.build([scans[0], references.scans])
+
+
+def poses_of(references):
+    """The poses that matching uses, of the references proper; NaN where not known."""
+    placement = jax.device_get(references.index.placement)
+    known = np.where(placement.known[:, None], placement.T_world_ref, np.nan)
+    assert np.isnan(known[len(references) :]).all()
+    return known[: len(references)]
+
+
+def test_poses_stay_with_their_references(scans):
+    poses = np.random.default_rng(0).uniform(-3, 3, (12, 3)).astype(np.float32)
+    built = ReferenceSet.build(scans[:8], T_world_ref=poses[:8])
+    unknown = np.full((1, 3), np.nan)
+    changed = built.remove([2]).add(scans[8:9]).add(scans[9:], poses[9:])
+    expected = np.concatenate([poses[:2], poses[3:8], unknown, poses[9:]])
+    np.testing.assert_array_equal(changed.T_world_ref, expected)
+    np.testing.assert_array_equal(poses_of(changed), expected)
+
+
+def test_without_poses_none_is_known(references):
+    assert np.isnan(poses_of(references)).all()
+
+
+@pytest.mark.parametrize(
+    ("poses", "message"),
+    [
+        (np.zeros((11, 3)), r"T_world_ref: shape \(11, 3\) is not \(12, 3\)"),
+        (np.zeros((12, 2)), r"T_world_ref: shape \(12, 2\) is not \(12, 3\)"),
+        (np.where(np.arange(36).reshape(12, 3) == 7, np.inf, 0), r"T_world_ref\[2\]: .*inf"),
+    ],
+)
+def test_poses_that_fit_no_references_are_refused(scans, poses, message):
+    with pytest.raises(ValueError, match=message):
+        ReferenceSet.build(scans, T_world_ref=poses)

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from aprjax.anchors.bridge import bridge
 from aprjax.configuration import threshold
 from aprjax.numerics import safe_norm
 from aprjax.scan import Scan
@@ -21,6 +22,7 @@ class SegmentConfig(eqx.Module):
     incidence: Float[Array, ""] = threshold(
         0.14, "radians: shallowest angle between beam and surface at which it stays connected"
     )
+    bridge: Float[Array, ""] = threshold(3.0, "invalid beams that a surface may run on across")
     min_extent: Float[Array, ""] = threshold(0.2, "metres from its first to its farthest point")
     min_beams: Float[Array, ""] = threshold(3, "hits in a large part")
 
@@ -63,9 +65,11 @@ def segment(scan: Scan, config: SegmentConfig) -> Segments:
     surface at the `incidence` angle would put them, plus `gap`; at grazing incidence consecutive
     hits on one wall lie far apart.
     """
+    spacing = _spacing(scan, config)
+    scan = bridge(scan, config.bridge, config.gap, spacing)
     slots = scan.ranges.shape[-1]
     index = jnp.arange(slots)
-    apart = config.gap + _spacing(scan, config) * jnp.where(scan.hit, scan.ranges, 0.0)
+    apart = config.gap + spacing * jnp.where(scan.hit, scan.ranges, 0.0)
     wrapped = jnp.where(index + 1 < scan.beams, index + 1, 0)
     has_next = scan.real & ((index + 1 < scan.beams) | scan.full_turn)
     linked = _linked(scan.points, scan.hit, apart, wrapped) & has_next

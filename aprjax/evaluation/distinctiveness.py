@@ -3,7 +3,8 @@
 Not in the paper, which reports single false matches where places look alike. Two alternatives of
 a query say how the references behind them lie to each other. If both are right, the references
 then see the same surroundings; if their scans contradict each other there, one of the two is
-wrong, and neither is as certain as its own e_m says. No pose of a reference is needed.
+wrong, and neither is as certain as its own e_m says. No pose of a reference is needed; where both
+references have one, geometry decides instead, and tells apart even places that look the same.
 """
 
 import equinox as eqx
@@ -32,20 +33,30 @@ class DistinctivenessConfig(eqx.Module):
     rivals: int = capacity(16, "alternatives, best first, that are compared with the best")
 
 
+class Placement(eqx.Module):
+    """Where references were taken, as far as that is known."""
+
+    T_world_ref: Float[Array, "rows 3"]
+    """Poses in one frame; zero where not known."""
+    known: Bool[Array, " rows"]
+
+
 def rivalry(
     best: Int[Array, ""],
     other: Int[Array, ""],
     T_best_query: Pose,
     T_other_query: Pose,
     references: View,
+    placement: Placement,
     congruence_config: CongruenceConfig,
     config: DistinctivenessConfig,
 ) -> Float[Array, ""]:
     """How far two alternatives exclude each other: 0 for the same place, 1 for different ones.
 
-    `best` and `other` are rows of `references`. Two poses in one reference are either one pose
-    or exclude each other. For two references it is the share of contradicting beams that counts,
-    between `harmony` and `contradiction`; scans that do not overlap exclude nothing.
+    `best` and `other` are rows of `references` and of `placement`. Two poses in one reference, or
+    in two whose places are known, are either one pose or exclude each other. For two other
+    references it is the share of contradicting beams that counts, between `harmony` and
+    `contradiction`; scans that do not overlap exclude nothing.
     """
     view_best, view_other = (
         jax.tree.map(lambda array: array[row], references)  # noqa: B023
@@ -59,8 +70,12 @@ def rivalry(
     span = jnp.maximum(config.contradiction - config.harmony, 1e-6)
     different_places = jnp.clip((share - config.harmony) / span, 0.0, 1.0)
 
-    different_poses = jnp.where(same_pose(T_best_query, T_other_query, config), 0.0, 1.0)
-    return jnp.where(best == other, different_poses, different_places)
+    T_world_best, T_world_other = placement.T_world_ref[best], placement.T_world_ref[other]
+    one_frame = (best == other) | (placement.known[best] & placement.known[other])
+    same = same_pose(
+        compose(T_world_best, T_best_query), compose(T_world_other, T_other_query), config
+    )
+    return jnp.where(one_frame, jnp.where(same, 0.0, 1.0), different_places)
 
 
 def distinct_quality(

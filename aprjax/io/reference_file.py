@@ -20,7 +20,7 @@ from aprjax.references import ReferenceSet
 from aprjax.scan import Scan
 
 FORMAT = "aprjax references"
-VERSION = 1
+VERSION = 2
 
 _SCALARS = {
     "angle_min": np.float32,
@@ -49,6 +49,7 @@ def save_references(references: ReferenceSet, path: str | os.PathLike[str]) -> N
         "version": np.int64(VERSION),
         "ids": np.asarray(references.ids, np.int32),
         "next_id": np.int64(references.next_id),
+        "T_world_ref": np.asarray(references.T_world_ref, np.float32),
         "ranges": np.asarray(scans.ranges, np.float32),
         "features": np.array(json.dumps(to_dict(references.index.config))),
     }
@@ -69,10 +70,11 @@ def load_references(path: str | os.PathLike[str]) -> ReferenceSet:
         arrays.check_format()
         ids, next_id = arrays.ids()
         scans = arrays.scans(len(ids))
+        poses = arrays.poses(len(ids))
         config = _config(str(arrays.get("features", (), "U")))
     except ReferenceFileError as error:
         raise ReferenceFileError(f"{os.fspath(path)}: {error}") from None
-    return ReferenceSet.restore(scans, ids, next_id, config)
+    return ReferenceSet.restore(scans, ids, next_id, config, poses)
 
 
 def looks_like_references(path: str | os.PathLike[str]) -> bool:
@@ -148,6 +150,14 @@ class _Arrays:
         if not ids[-1] < next_id <= np.iinfo(np.int32).max:
             raise ReferenceFileError(f"next_id: {next_id} does not follow {ids[-1]}")
         return ids, next_id
+
+    def poses(self, count: int) -> np.ndarray | None:
+        """The references' poses, NaN where not known; files of version 1 have none."""
+        if int(self.get("version", (), np.int64)) < 2:
+            return None
+        poses = self.get("T_world_ref", (count, 3), np.float32)
+        _all(~np.isinf(poses).any(axis=1), "T_world_ref[{}] is infinite")
+        return poses
 
     def scans(self, count: int) -> Scan:
         """The stacked scans, of which each one is as `Scan.make` demands."""

@@ -188,7 +188,7 @@ EDGE_CASES = {
     "duplicates": (np.full(181, 2.0), DEGREE, None),  # a half circle
     "a full circle": (np.full(360, 2.0), DEGREE, None),
     "hits at the sensor": (np.full(181, 0.02), DEGREE, 0),
-    "every other beam": (np.where(np.arange(181) % 2, 2.0, np.nan), DEGREE, 0),
+    "every fifth beam": (np.where(np.arange(181) % 5 == 0, 2.0, np.nan), DEGREE, 0),
     "white noise": (RNG.uniform(0, 40, 384), SPACING, None),
     "everything at once": (
         RNG.choice([np.nan, np.inf, -np.inf, 0.0, -1.0, 1.0, 2.0, 2.1, 31.0], 384),

@@ -1,10 +1,16 @@
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from aprjax.evaluation.congruence import CongruenceConfig
-from aprjax.evaluation.distinctiveness import DistinctivenessConfig, distinct_quality, rivalry
+from aprjax.evaluation.distinctiveness import (
+    DistinctivenessConfig,
+    Placement,
+    distinct_quality,
+    rivalry,
+)
 from aprjax.references import ReferenceSet
 from tests.oracles import evaluation as oracle
 from tests.worlds import office, scan_at
@@ -21,14 +27,15 @@ def views():
 
 
 @jax.jit
-def _rivalry(best, other, T_best_query, T_other_query, views):
+def _rivalry(best, other, T_best_query, T_other_query, views, placement):
     config = CongruenceConfig()
-    return rivalry(best, other, T_best_query, T_other_query, views, config, RULES)
+    return rivalry(best, other, T_best_query, T_other_query, views, placement, config, RULES)
 
 
-def between(best, other, T_best_query, T_other_query, views):
+def between(best, other, T_best_query, T_other_query, views, known=(False, False)):
     poses = (jnp.asarray(T, jnp.float32) for T in (T_best_query, T_other_query))
-    return float(_rivalry(jnp.int32(best), jnp.int32(other), *poses, views))
+    placement = Placement(jnp.asarray([HERE, THERE], jnp.float32), jnp.asarray(known))
+    return float(_rivalry(jnp.int32(best), jnp.int32(other), *poses, views, placement))
 
 
 def test_two_references_of_one_place_are_no_rivals(views):
@@ -49,6 +56,18 @@ def test_two_poses_in_one_reference_are_one_or_rivals(views):
     assert between(0, 0, T, T + np.array([0.1, 0, 0.05]), views) == 0
     assert between(0, 0, T, T + np.array([0.5, 0, 0.0]), views) == 1
     assert between(0, 0, T, T + np.array([0.0, 0, 0.3]), views) == 1
+
+
+def test_where_both_poses_are_known_they_decide_whatever_the_scans_show(views):
+    blank = jax.tree.map(jnp.zeros_like, views)
+    blank = eqx.tree_at(lambda v: v.angle_increment, blank, views.angle_increment)
+    T_here, T_there = oracle.between(HERE, QUERY), oracle.between(THERE, QUERY)
+    wrong = oracle.compose(T_there, np.array([1.0, 0.0, 0.0]))
+    assert between(0, 1, T_here, wrong, blank) == 0
+    assert between(0, 1, T_here, wrong, blank, (True, True)) == 1
+    assert between(0, 1, T_here, T_there, blank, (True, True)) == 0
+    for known in ((True, False), (False, True)):
+        assert between(0, 1, T_here, wrong, blank, known) == 0
 
 
 def test_without_rivals_qualities_stay_as_they_are():

@@ -34,7 +34,9 @@ def scans():
 @pytest.fixture(scope="module")
 def references(scans):
     """A set with a gap in its ids, whose last reference is gone too."""
-    return ReferenceSet.build(scans[: REFERENCES + 1]).remove([3])
+    poses = np.arange(3.0 * (REFERENCES + 1)).reshape(-1, 3)
+    poses[5] = np.nan
+    return ReferenceSet.build(scans[: REFERENCES + 1], T_world_ref=poses).remove([3])
 
 
 @pytest.fixture(scope="module")
@@ -64,6 +66,8 @@ def test_round_trip_keeps_every_bit(scans, references, saved):
     assert loaded.next_id == references.next_id == REFERENCES + 1
     np.testing.assert_array_equal(loaded.ids, references.ids)
     assert 3 not in loaded.ids
+    np.testing.assert_array_equal(loaded.T_world_ref, references.T_world_ref)
+    assert np.isnan(loaded.T_world_ref).all(axis=1).sum() == 1
     queries = scans[-QUERIES:]
     first = match_batch(queries, references)
     second = match_batch(queries, loaded)
@@ -79,6 +83,15 @@ def test_the_file_has_exactly_the_name_given_and_the_same_bytes_each_time(
     assert [path.name for path in tmp_path.iterdir()] == ["again"]
     assert (tmp_path / "again").read_bytes() == saved.read_bytes()
     assert looks_like_references(saved)
+
+
+def test_a_file_of_version_1_has_no_poses(references, saved, tmp_path):
+    arrays = arrays_of(saved) | {"version": np.int64(1)}
+    del arrays["T_world_ref"]
+    np.savez(tmp_path / "old.npz", **arrays)
+    loaded = load_references(tmp_path / "old.npz")
+    np.testing.assert_array_equal(loaded.ids, references.ids)
+    assert np.isnan(loaded.T_world_ref).all()
 
 
 def test_the_description_is_kept(references, saved):
@@ -151,7 +164,7 @@ ONES = np.ones(REFERENCES, np.float32)
 
 DEFECTS: list[tuple[dict[str, Any], str]] = [
     ({"format": np.array("other")}, "an archive, but not a reference file"),
-    ({"version": np.int64(2)}, "version 2 is newer than 1, the latest known"),
+    ({"version": np.int64(3)}, "version 3 is newer than 2, the latest known"),
     ({"version": np.int64(0)}, "version 0 does not exist"),
     ({"version": np.array("1")}, "version is <U1, not int64"),
     ({"ids": None}, "ids is missing"),
@@ -167,6 +180,9 @@ DEFECTS: list[tuple[dict[str, Any], str]] = [
     ({"ids": IDS - 1}, r"ids\[0\]: -1 is negative"),
     ({"next_id": np.int64(11)}, "next_id: 11 does not follow 1[12]"),
     ({"next_id": np.int64(2**40)}, "next_id: 1099511627776 does not follow 12"),
+    ({"T_world_ref": None}, "T_world_ref is missing"),
+    ({"T_world_ref": np.zeros((12, 2), np.float32)}, r"T_world_ref has shape \(12, 2\)"),
+    ({"T_world_ref": np.full((12, 3), np.inf, np.float32)}, r"T_world_ref\[0\] is infinite"),
     ({"ranges": np.zeros((12, 192))}, "ranges is float64, not float32"),
     ({"ranges": np.zeros(12, np.float32)}, r"ranges has shape \(12,\), not \(12, any\)"),
     ({"angle_min": ONES[:-2]}, r"angle_min has shape \(10,\), not \(12\)"),

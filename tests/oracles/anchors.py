@@ -8,7 +8,9 @@ class Beams:
 
     def __init__(self, ranges, angle_min, step, range_min, range_max):
         self.ranges = np.asarray(ranges, np.float64)
+        self.angle_min = float(angle_min)
         self.step = float(step)
+        self.least = float(range_min)
         self.limit = float(range_max)
         self.count = len(self.ranges)
         self.hit = [bool(range_min <= r <= range_max) for r in self.ranges]
@@ -17,8 +19,29 @@ class Beams:
         self.xy = np.zeros((self.count, 2))
         for i in range(self.count):
             if self.hit[i]:
-                bearing = float(angle_min) + i * self.step
+                bearing = self.angle_min + i * self.step
                 self.xy[i] = self.ranges[i] * np.array([np.cos(bearing), np.sin(bearing)])
+
+    def bridged(self, longest, gap, incidence):
+        """These beams with the invalid ones filled in that a surface runs on across."""
+        filled = list(self.ranges)
+        spacing = _spacing(self.step, incidence)
+        for i in range(self.count):
+            j, run = self.after(i), []
+            while j is not None and j != i and not (self.hit[j] or self.free[j]):
+                run.append(j)
+                j = self.after(j)
+            if not run or j is None or not (self.hit[i] and self.hit[j]) or len(run) > longest:
+                continue
+            distance = np.hypot(*(self.xy[j] - self.xy[i]))
+            nearer = min(self.ranges[i], self.ranges[j])
+            if distance > gap + spacing * (len(run) + 1) * nearer:
+                continue
+            for k in run:
+                bearing = self.angle_min + k * self.step
+                rays = [[np.cos(bearing), np.sin(bearing)], self.xy[i] - self.xy[j]]
+                filled[k] = np.linalg.solve(np.transpose(rays), self.xy[i])[0]
+        return Beams(filled, self.angle_min, self.step, self.least, self.limit)
 
     def after(self, i):
         """The beam that follows i, or None at the end of the field of view."""
@@ -34,8 +57,7 @@ class Beams:
 
 def parts(beams, gap, incidence):
     """Connected parts, each a list of beams in the order of the sweep."""
-    step = abs(beams.step)
-    spacing = np.sin(step) / np.sin(max(incidence - step, 0.5 * incidence))
+    spacing = _spacing(beams.step, incidence)
 
     def linked(i):
         j = beams.after(i)
@@ -56,6 +78,10 @@ def parts(beams, gap, incidence):
             part.append(beams.after(part[-1]))
         found.append(part)
     return found
+
+
+def _spacing(step, incidence):
+    return np.sin(abs(step)) / np.sin(max(incidence - abs(step), 0.5 * incidence))
 
 
 def is_large(beams, part, min_extent, min_beams):

@@ -1,0 +1,45 @@
+"""Surfaces that run on across a few beams without a reading.
+
+Not in the paper. Glass, wet and dark surfaces cost single readings; each of them would cut a
+surface in two, and its parts would be too small to carry anchors. A beam without return is a
+reading: it was free.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from aprjax.scan import Scan
+
+
+def bridge(
+    scan: Scan, beams: Float[Array, ""], gap: Float[Array, ""], spacing: Float[Array, ""]
+) -> Scan:
+    """The scan with the readings filled in that a surface is short of.
+
+    At most `beams` invalid neighbours get the ranges of the straight line between the hits on both
+    sides, r and r', if these lie no farther apart than `gap` and `spacing` min(r, r') for each
+    step from one to the other.
+    """
+    slots = scan.ranges.shape[-1]
+    index = jnp.arange(slots)
+    known = scan.hit | scan.no_return
+    before = jax.lax.cummax(jnp.where(known, index, -slots))
+    after = jax.lax.cummin(jnp.where(known, index, 2 * slots), reverse=True)
+    # Round the back of a full turn: the last reading precedes the first.
+    turn = jnp.where(scan.full_turn, scan.beams, 2 * slots)
+    before = jnp.where(before < 0, before[-1] - turn, before)
+    after = jnp.where(after >= slots, after[0] + turn, after)
+
+    near, far = scan.ranges[before % turn], scan.ranges[after % turn]  # infinite: not close
+    steps = (after - before).astype(jnp.float32)
+    between = steps * scan.angle_increment
+    apart = jnp.sqrt((far - near) ** 2 + 4.0 * near * far * jnp.sin(between / 2) ** 2)
+    close = apart <= gap + spacing * steps * jnp.minimum(near, far)
+    missing = scan.real & ~known & (steps - 1.0 <= beams) & close
+
+    # Polar equation of a line through both: 1/r = A cos φ + B sin φ.
+    from_near = (index - before).astype(jnp.float32) * scan.angle_increment
+    inverse = (jnp.sin(between - from_near) / near + jnp.sin(from_near) / far) / jnp.sin(between)
+    return eqx.tree_at(lambda s: s.ranges, scan, jnp.where(missing, 1.0 / inverse, scan.ranges))
