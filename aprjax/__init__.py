@@ -1,5 +1,7 @@
 """Global self-localization with a 2D laser scanner: APR scan matching in JAX."""
 
+from aprjax.compilation import cache_compilations as cache_compilations
+from aprjax.compilation import warm_up as warm_up
 from aprjax.features import FeatureConfig as FeatureConfig
 from aprjax.io.carmen import LogEntry as LogEntry
 from aprjax.io.carmen import LogError as LogError

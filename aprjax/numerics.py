@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 HIGHEST = jax.lax.Precision.HIGHEST
 """Products of coordinates ask for full float32, also where a device defaults to less."""
@@ -34,6 +34,26 @@ def total(array: Float[Array, "... n"]) -> Float[Array, "..."]:
     same beams, and then vectorise none of it.
     """
     return jnp.matmul(array, jnp.ones(array.shape[-1], array.dtype), precision=HIGHEST)
+
+
+def running_max(values: Int[Array, " n"]) -> Int[Array, " n"]:
+    """The greatest of each value and all before it.
+
+    By doubling, in a loop: `jax.lax.cummax` writes out every step, which takes long to compile.
+    """
+    index = jnp.arange(values.shape[0])
+
+    def look_back(step: Array, greatest: Array) -> Array:
+        earlier = jnp.maximum(index - (1 << step), 0)
+        return jnp.maximum(greatest, greatest[earlier])
+
+    first = jnp.int32(0)
+    return jax.lax.fori_loop(first, values.shape[0].bit_length(), look_back, values)
+
+
+def running_min_from_end(values: Int[Array, " n"]) -> Int[Array, " n"]:
+    """The least of each value and all after it."""
+    return -running_max(-values[::-1])[::-1]
 
 
 def safe_norm(vector: Float[Array, "... d"]) -> Float[Array, "..."]:

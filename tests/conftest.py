@@ -1,10 +1,19 @@
 """Settings and fixtures of the whole test session."""
 
 import os
+import tempfile
 from pathlib import Path
 
 import jax
 import pytest
+
+
+def pytest_configure(config):
+    """Let the worker processes share what they compile, in a folder that goes with the session."""
+    if not hasattr(config, "workerinput"):
+        folder = tempfile.TemporaryDirectory(prefix="aprjax-tests-")
+        config.add_cleanup(folder.cleanup)
+        os.environ["JAX_COMPILATION_CACHE_DIR"] = folder.name
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -29,6 +29,7 @@ ORDER = [
     "features",
     "references",
     "matcher",
+    "compilation",
     "sweep",
     "metrics",
     "io",

@@ -7,6 +7,8 @@ from aprjax.numerics import (
     arctan2,
     bucket,
     dot,
+    running_max,
+    running_min_from_end,
     safe_arctan2,
     safe_norm,
     square_gaps,
@@ -107,3 +109,12 @@ def test_products_totals_and_gaps_are_those_of_numpy():
     np.testing.assert_allclose(total(a), a.sum(axis=-1), rtol=1e-5, atol=1e-6)
     wanted = np.sum((a[:, None] - b[None]) ** 2, axis=-1)
     np.testing.assert_allclose(square_gaps(a, b), wanted, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 8, 181])
+def test_running_extremes_equal_numpys(size):
+    values = np.random.default_rng(size).integers(-50, 50, size).astype(np.int32)
+    greatest = running_max(jnp.asarray(values))
+    least = running_min_from_end(jnp.asarray(values))
+    np.testing.assert_array_equal(greatest, np.maximum.accumulate(values))
+    np.testing.assert_array_equal(least, np.minimum.accumulate(values[::-1])[::-1])

@@ -6,10 +6,10 @@ reading: it was free.
 """
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from aprjax.numerics import running_max, running_min_from_end
 from aprjax.scan import Scan
 
 
@@ -25,8 +25,8 @@ def bridge(
     slots = scan.ranges.shape[-1]
     index = jnp.arange(slots)
     known = scan.hit | scan.no_return
-    before = jax.lax.cummax(jnp.where(known, index, -slots))
-    after = jax.lax.cummin(jnp.where(known, index, 2 * slots), reverse=True)
+    before = running_max(jnp.where(known, index, -slots))
+    after = running_min_from_end(jnp.where(known, index, 2 * slots))
     # Round the back of a full turn: the last reading precedes the first.
     turn = jnp.where(scan.full_turn, scan.beams, 2 * slots)
     before = jnp.where(before < 0, before[-1] - turn, before)

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.anchors.bridge import bridge
 from aprjax.configuration import threshold
-from aprjax.numerics import safe_norm
+from aprjax.numerics import running_max, running_min_from_end, safe_norm
 from aprjax.scan import Scan
 
 
@@ -84,8 +84,8 @@ def segment(scan: Scan, config: SegmentConfig) -> Segments:
     hit, xy = scan.hit[beam], scan.points[beam]
     connected = linked[beam] & (index + 1 < scan.beams)
     opens = ~jnp.concatenate([jnp.zeros(1, bool), connected[:-1]])
-    start = jax.lax.cummax(jnp.where(opens, index, 0))
-    stop = jax.lax.cummin(jnp.where(connected, slots - 1, index), reverse=True)
+    start = running_max(jnp.where(opens, index, 0))
+    stop = running_min_from_end(jnp.where(connected, slots - 1, index))
 
     reach = safe_norm(xy - xy[start])
     extent = jax.ops.segment_max(reach, start, num_segments=slots)[start]

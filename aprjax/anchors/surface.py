@@ -5,6 +5,7 @@ hits lie too far apart for a line does it grow with their spacing.
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -49,18 +50,20 @@ class Surface(eqx.Module):
 
 def surface(segments: Segments, config: SurfaceConfig) -> Surface:
     """Line fits for every entry of one segmented scan; entries that are no hit get zeros."""
-    before = _side(segments, segments.before, -1, config)
-    after = _side(segments, segments.after, 1, config)
+    room = jnp.stack([segments.before, segments.after])
+    before, after = jax.vmap(_side, (None, 0, 0, None))(segments, room, jnp.array([-1, 1]), config)
     middle = jnp.concatenate(
         [segments.xy[:, None], jnp.ones_like(segments.xy[:, None, :1])], axis=-1
     )
     middle = jnp.where(segments.hit[:, None, None], middle, 0.0)
     through = jnp.concatenate([before, middle, after], axis=1)
-    return Surface(*(_fit(points, segments.xy) for points in (before, after, through)))
+    sides = jax.vmap(_fit, (0, None))(jnp.stack([before, after]), segments.xy)
+    before, after = (jax.tree.map(lambda array: array[k], sides) for k in range(2))  # noqa: B023
+    return Surface(before, after, _fit(through, segments.xy))
 
 
 def _side(
-    segments: Segments, room: Int[Array, " slots"], sign: int, config: SurfaceConfig
+    segments: Segments, room: Int[Array, " slots"], sign: Int[Array, ""], config: SurfaceConfig
 ) -> Float[Array, "slots samples 3"]:
     """Hits to one side within the window: x, y and weight 1, or zeros."""
     index = jnp.arange(segments.xy.shape[0])
@@ -76,10 +79,13 @@ def _side(
     eighth = jnp.ceil(0.25 * np.pi / jnp.abs(segments.angle_increment))
     slots = segments.xy.shape[0]
     room = jnp.minimum(room, jnp.minimum(eighth, slots).astype(jnp.int32))
-    count = jnp.zeros_like(room)
-    for bit in reversed(range((slots // 2).bit_length())):
-        longer = jnp.minimum(count + (1 << bit), room)
-        count = jnp.where(square(longer) <= window, longer, count)
+    bits = (slots // 2).bit_length()
+
+    def halve(step, count):
+        longer = jnp.minimum(count + (1 << (bits - 1 - step)), room)
+        return jnp.where(square(longer) <= window, longer, count)
+
+    count = jax.lax.fori_loop(jnp.int32(0), bits, halve, jnp.zeros_like(room))
 
     k = jnp.arange(1, config.samples + 1)[None, :]
     offset = -(-k * count[:, None] // config.samples)

@@ -11,12 +11,15 @@ from collections.abc import Sequence
 
 from aprjax.cli import demo, info, match, simulate
 from aprjax.cli.errors import CommandError
+from aprjax.compilation import cache_compilations
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one subcommand; the exit status. Bad usage raises argparse's `SystemExit`."""
     arguments = _parser().parse_args(argv)
     try:
+        if arguments.cache:
+            cache_compilations()
         arguments.run(arguments)
         sys.stdout.flush()
     except KeyboardInterrupt:
@@ -41,6 +44,11 @@ def _fail(message: str, status: int) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="aprjax", description="Global self-localization with a 2D laser scanner."
+    )
+    parser.add_argument(
+        "--cache",
+        action="store_true",
+        help="keep what is compiled for later runs, in ~/.cache/aprjax or $XDG_CACHE_HOME/aprjax",
     )
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     for command in (demo, match, simulate, info):

@@ -66,7 +66,7 @@ def test_a_reference_file(tmp_path, command):
     assert (status, err) == (0, "")
     facts = facts_of(out)
     assert facts["kind"] == "reference file"
-    assert (facts["version"], facts["references"], facts["next id"]) == ("1", "11", "12")
+    assert (facts["version"], facts["references"], facts["next id"]) == ("2", "11", "12")
     assert facts["anchor capacity"] == "16"
     valid = np.asarray(references.index.features.anchors.valid)[:11]
     assert float(facts["anchors per scan"]) == pytest.approx(valid.sum(axis=1).mean(), abs=0.01)

@@ -1,0 +1,61 @@
+"""Paying for compilation when it suits: ahead of time, and once for all processes."""
+
+import os
+import stat
+from collections.abc import Iterable
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from aprjax.matcher import MatchConfig, match_batch
+from aprjax.references import ReferenceSet
+from aprjax.scan import Scan
+
+
+def warm_up(
+    references: ReferenceSet,
+    beams: int,
+    batches: Iterable[int] = (1,),
+    config: MatchConfig | None = None,
+) -> None:
+    """Compile what matching these references will need, so that no later call has to.
+
+    `beams` is the number of beams of the queries, `batches` the numbers of queries in a call; 1
+    is `match`. References that are added later need another compilation only where their number
+    leaves the bucket (see `numerics.bucket`), thresholds never. Raises `ValueError` for numbers
+    that are not positive and for no references.
+    """
+    for name, values in (("beams", [beams]), ("batches", batches := list(batches))):
+        for index, value in enumerate(values):
+            if value < 1:
+                raise ValueError(f"{name}[{index}]: {value} is not a positive number")
+    blank = Scan.make(
+        np.full(beams, np.nan), angle_min=0.0, angle_increment=2 * np.pi / beams, range_max=1.0
+    )
+    for queries in batches:
+        match_batch([blank] * queries, references, config)
+
+
+def cache_compilations(folder: str | os.PathLike[str] | None = None) -> Path:
+    """Keep what JAX compiles in a folder, also for later processes; returns the folder.
+
+    This is a setting of the whole process: it makes JAX's persistent compilation cache take
+    small and quick compilations too. `folder` is made, for the user alone, if it does not
+    exist; by default it is `aprjax` in `$XDG_CACHE_HOME`, else in `~/.cache`. Cached programs are
+    executed, so a folder that others can write to is refused with a `PermissionError`. Nothing
+    is ever deleted from it; it may be removed at any time.
+    """
+    if folder is None:
+        root = os.environ.get("XDG_CACHE_HOME")
+        folder = (Path(root) if root else Path.home() / ".cache") / "aprjax"
+    path = Path(folder)
+    path.mkdir(mode=0o700, parents=True, exist_ok=True)
+    found = path.stat()
+    strange = hasattr(os, "getuid") and found.st_uid != os.getuid()
+    if strange or found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        raise PermissionError(f"{path}: others can write to it; cached programs are executed")
+    jax.config.update("jax_compilation_cache_dir", str(path))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+    return path

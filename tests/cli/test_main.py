@@ -1,0 +1,26 @@
+import jax
+import pytest
+
+
+@pytest.fixture
+def cache(tmp_path, monkeypatch):
+    """Where the cache would be, with the process's own setting restored afterwards."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    before = jax.config.jax_compilation_cache_dir
+    yield tmp_path / "aprjax"
+    jax.config.update("jax_compilation_cache_dir", before)
+
+
+def test_compiled_programs_are_kept_only_when_asked(cache, command, logs):
+    assert command("info", logs[0])[0] == 0
+    assert not cache.exists()
+    assert command("--cache", "info", logs[0])[0] == 0
+    assert cache.is_dir()
+
+
+def test_a_cache_that_others_can_write_to_is_one_clear_line(cache, command, logs):
+    cache.mkdir(mode=0o777)
+    cache.chmod(0o777)
+    status, out, err = command("--cache", "info", logs[0])
+    assert (status, out) == (1, "")
+    assert err == f"aprjax: {cache}: others can write to it; cached programs are executed\n"

@@ -1,0 +1,60 @@
+import stat
+
+import jax
+import numpy as np
+import pytest
+
+from aprjax import matcher
+from aprjax.compilation import cache_compilations, warm_up
+from aprjax.references import ReferenceSet
+from tests.worlds import free_pose, office, scan_at
+
+SETTINGS = (
+    "jax_compilation_cache_dir",
+    "jax_persistent_cache_min_compile_time_secs",
+    "jax_persistent_cache_min_entry_size_bytes",
+)
+
+
+@pytest.fixture
+def settings_restored():
+    before = {name: getattr(jax.config, name) for name in SETTINGS}
+    yield
+    for name, value in before.items():
+        jax.config.update(name, value)
+
+
+def test_after_warming_up_nothing_is_compiled():
+    rng, world = np.random.default_rng(0), office(seed=2)
+    scans = [scan_at(world, free_pose(world, rng), rng=rng) for _ in range(6)]
+    references = ReferenceSet.build(scans)
+    warm_up(references, beams=181, batches=[1])
+    compiled = matcher._match_chunks._cache_size()
+    assert np.asarray(matcher.match(scans[0], references).valid).any()
+    assert matcher._match_chunks._cache_size() == compiled
+
+
+@pytest.mark.parametrize(("beams", "batches"), [(0, [1]), (181, [1, 0])])
+def test_sizes_that_are_not_positive_are_refused_by_name(beams, batches):
+    with pytest.raises(ValueError, match=r"(beams\[0\]|batches\[1\]): 0"):
+        warm_up(None, beams=beams, batches=batches)  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.usefixtures("settings_restored")
+def test_the_cache_is_the_users_alone_and_takes_small_programs(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    folder = cache_compilations()
+    assert folder == tmp_path / "aprjax"
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+    assert jax.config.jax_compilation_cache_dir == str(folder)
+    assert jax.config.jax_persistent_cache_min_compile_time_secs == 0
+    assert cache_compilations(tmp_path / "other").is_dir()
+
+
+@pytest.mark.usefixtures("settings_restored")
+def test_a_folder_that_others_can_write_to_is_refused(tmp_path):
+    before = jax.config.jax_compilation_cache_dir
+    tmp_path.chmod(0o777)
+    with pytest.raises(PermissionError, match="others can write"):
+        cache_compilations(tmp_path)
+    assert jax.config.jax_compilation_cache_dir == before
