@@ -2,8 +2,7 @@
 
 For each split of the real logs: all queries against all references as one batch (extraction of
 the queries included), and one query at a time. Medians and spread after warm-up; the first call,
-with compilation, apart. The data are looked for in the folder `APRJAX_DATA`, else in
-`../shared/data` beside the repository.
+with compilation, apart. See `experiments/data.py` for where the data lie.
 """
 
 import argparse
@@ -11,12 +10,12 @@ import os
 import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import jax
 import numpy as np
 
 import aprjax
+from experiments.data import read_split
 
 SPLITS = ("freiburg-079.revisit", "fhw.revisit", "intel.interleaved")
 
@@ -27,31 +26,26 @@ def main() -> int:
     parser.add_argument("splits", nargs="*", default=SPLITS, help="names of splits")
     parser.add_argument("--repeats", type=int, default=7, help="timed runs of a batch (default: 7)")
     arguments = parser.parse_args()
-    default = Path(__file__).resolve().parents[2] / "shared" / "data"
-    folder = Path(os.environ.get("APRJAX_DATA", default)) / "splits"
-    if not folder.is_dir():
-        print(f"benchmarks: no splits in {folder}; set APRJAX_DATA", file=sys.stderr)
-        return 1
 
     print(f"{jax.devices()[0].device_kind}, {os.cpu_count()} cores, jax {jax.__version__}")
     print(f"{'split':26s} queries x references  first/s  batch/ms a query  µs a pair  single/ms")
     for name in arguments.splits:
-        print(row(folder / name, arguments.repeats), flush=True)
+        print(row(name, arguments.repeats), flush=True)
     return 0
 
 
-def row(folder: Path, repeats: int) -> str:
+def row(name: str, repeats: int) -> str:
     """One line of the table."""
-    references = [entry.scan for entry in aprjax.read_log(folder / "references.log.gz")]
-    scans = [entry.scan for entry in aprjax.read_log(folder / "queries.log.gz")]
-    known = aprjax.ReferenceSet.build(references)
-    stacked = aprjax.Scan.stack(scans)
-    first, batch = timed(lambda: aprjax.match_batch(stacked, known), repeats)
-    _, single = timed(lambda: aprjax.match(scans[0], known), 20 * repeats)
-    low, middle, high = np.percentile(1e3 * batch / len(scans), [10, 50, 90])
-    pair = 1e3 * middle / len(references)
+    split = read_split(name)
+    queries, references = len(split.T_world_query), len(split.T_world_ref)
+    known = aprjax.ReferenceSet.build(split.references)
+    one = jax.tree.map(lambda array: array[0], split.queries)
+    first, batch = timed(lambda: aprjax.match_batch(split.queries, known), repeats)
+    _, single = timed(lambda: aprjax.match(one, known), 20 * repeats)
+    low, middle, high = np.percentile(1e3 * batch / queries, [10, 50, 90])
+    pair = 1e3 * middle / references
     return (
-        f"{folder.name:26s} {len(scans):7d} x {len(references):<10d}  {first:7.1f}  "
+        f"{name:26s} {queries:7d} x {references:<10d}  {first:7.1f}  "
         f"{middle:6.2f} ({low:.2f}-{high:.2f})  {pair:9.1f}  {1e3 * np.median(single):9.2f}"
     )
 

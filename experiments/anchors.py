@@ -2,28 +2,26 @@
 
     python experiments/anchors.py --out DIR [--quick]
 
-Reads the corrected logs under `logs/` of the folder that the environment variable APRJAX_DATA
-names, else of `../shared/data` beside the repository. Writes `figure1.png`, `repeatability.csv`
-and `scans.csv` into DIR.
+Reads corrected logs (see `data.py` for where). Writes `figure1.png`, `repeatability.csv` and
+`scans.csv` into DIR.
 """
 
 import argparse
-import csv
-import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import jax
 import numpy as np
+from data import corrected_log
 from matplotlib.figure import Figure
+from outputs import print_table, write_figure, write_table
 
 import aprjax
 from aprjax.anchors.candidates import Kind
 from aprjax.anchors.extract import Anchors, ExtractionConfig, choose_anchors
 from aprjax.anchors.segment import segment
 from aprjax.anchors.surface import surface
-from aprjax.io.atomic import atomic_write
 from aprjax.metrics import reappearing
 from aprjax.plot.anchors import draw_anchors
 
@@ -179,21 +177,7 @@ def figure1(examples: list[tuple[str, int, aprjax.Scan, Anchors]], path: Path) -
     for (left, right), (name, index, scan, anchors) in zip(grid, examples, strict=True):
         draw_anchors(scan, anchors, ax=(left, right))
         left.set_title(f"{name}, scan {index}: {left.get_title().lower()}", fontsize=10)
-    with atomic_write(path, "wb") as file:
-        figure.savefig(file, format="png", dpi=110)
-
-
-def write_table(rows: list[dict], path: Path) -> None:
-    """The rows as a CSV file, and aligned on standard output."""
-    with atomic_write(path) as file:
-        table = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        table.writeheader()
-        table.writerows(rows)
-    cells = [list(rows[0]), *([str(value) for value in row.values()] for row in rows)]
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    for line in cells:
-        print("  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True)))
-    print()
+    write_figure(figure, path)
 
 
 def main() -> int:
@@ -203,15 +187,7 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="fewer scans and pairs")
     arguments = parser.parse_args()
 
-    beside = Path(__file__).resolve().parents[1].parent / "shared" / "data"
-    data = Path(os.environ.get("APRJAX_DATA") or beside)
-    paths = {name: data / "logs" / f"{name}-corrected.log.gz" for name, _ in FIGURE}
-    for path in paths.values():
-        if not path.is_file():
-            print(
-                f"{path} is not there: set APRJAX_DATA to the folder of the logs", file=sys.stderr
-            )
-            return 1
+    paths = {name: corrected_log(name) for name, _ in FIGURE}
     arguments.out.mkdir(parents=True, exist_ok=True)
 
     examples = []
@@ -229,8 +205,9 @@ def main() -> int:
         log = read(paths[name], step)
         repeated += repeatability_rows(name, log, pairs=100 if arguments.quick else 500, radius=0.1)
         described.append(scan_row(name, log))
-    write_table(repeated, arguments.out / "repeatability.csv")
-    write_table(described, arguments.out / "scans.csv")
+    for rows, name in ((repeated, "repeatability"), (described, "scans")):
+        write_table(rows, arguments.out / f"{name}.csv")
+        print_table(rows)
     return 0
 
 

@@ -4,17 +4,17 @@
 
 One row for each real log and each of the lab's seeds 0 to 4: anchors per scan, how many of them
 reappear within 0.1 m in another scan of the same place (within 1 m and 30°), and the share of the
-beams that the segmentation removes as small. Reads the corrected logs under `logs/` of the folder
-that the environment variable APRJAX_DATA names, else of `../shared/data` beside the repository.
+beams that the segmentation removes as small. Reads corrected logs (see `data.py` for where).
 Writes `clutter.csv` into DIR; the exit status is 1 if a lab lies outside the logs' range.
 """
 
 import argparse
-import os
 import sys
 from pathlib import Path
 
-from anchors import WITHIN, Described, describe, read, repeatability_rows, scan_row, write_table
+from anchors import WITHIN, Described, describe, read, repeatability_rows, scan_row
+from data import corrected_log
+from outputs import print_table, write_table
 
 from aprjax.sim.lab import lab
 
@@ -46,15 +46,7 @@ def main() -> int:
     arguments = parser.parse_args()
     pairs = 100 if arguments.quick else 300
 
-    beside = Path(__file__).resolve().parents[1].parent / "shared" / "data"
-    data = Path(os.environ.get("APRJAX_DATA") or beside)
-    paths = {name: data / "logs" / f"{name}-corrected.log.gz" for name in LOGS}
-    for path in paths.values():
-        if not path.is_file():
-            print(
-                f"{path} is not there: set APRJAX_DATA to the folder of the logs", file=sys.stderr
-            )
-            return 1
+    paths = {name: corrected_log(name) for name in LOGS}
     arguments.out.mkdir(parents=True, exist_ok=True)
 
     logs = [
@@ -67,6 +59,7 @@ def main() -> int:
         run = lab(seed).queries
         labs.append(row(f"lab {seed}", describe(run.scans, run.T_world_laser), pairs))
     write_table(logs + labs, arguments.out / "clutter.csv")
+    print_table(logs + labs)
 
     outside = 0
     for column in COMPARED:

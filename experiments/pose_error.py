@@ -15,11 +15,10 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from anchors import write_table
 from matplotlib.figure import Figure
+from outputs import print_table, write_figure, write_table
 
 import aprjax
-from aprjax.io.atomic import atomic_write
 from aprjax.metrics import is_right, world_poses
 from aprjax.sim.lab import lab
 
@@ -95,8 +94,7 @@ def picture(error: np.ndarray, square: np.ndarray, path: Path) -> None:
     histogram.set_xlabel("squared error over covariance")
     histogram.set_ylabel("density")
     histogram.legend(fontsize=8, framealpha=1, edgecolor="none", loc="upper right")
-    with atomic_write(path, "wb") as file:
-        figure.savefig(file, format="png", dpi=110)
+    write_figure(figure, path)
 
 
 def main() -> int:
@@ -117,6 +115,7 @@ def main() -> int:
     error, square = np.concatenate([error for error, _ in found]), np.concatenate(squares)
     total = row("all", error, square)
     write_table([*rows, total], arguments.out / "pose_error.csv")
+    print_table([*rows, total])
     picture(error, square, arguments.out / "pose_error.png")
     consistent = 2 <= total["mean_normalised"] <= 4 and total["inside_95"] >= 0.9
     return 0 if consistent else 1

@@ -14,9 +14,7 @@ the matcher compiles once. The wider views and the finer resolutions are left ou
 """
 
 import argparse
-import csv
 import dataclasses
-import json
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -25,11 +23,11 @@ from pathlib import Path
 import jax
 import numpy as np
 from matplotlib.figure import Figure
+from outputs import write_configuration, write_figure, write_table
 
 import aprjax
 from aprjax.anchors.candidates import Kind
 from aprjax.configuration import to_dict
-from aprjax.io.atomic import atomic_write
 from aprjax.metrics import is_right, world_poses
 from aprjax.numerics import bucket
 from aprjax.plot.style import KINDS, add_legend
@@ -372,22 +370,15 @@ def main() -> int:
                 flush=True,
             )
         rows += [{"job": name, **point} for point in points]
-        with atomic_write(arguments.out / f"{name}.png", "wb") as file:
-            draw(points, label).savefig(file, format="png", dpi=150)
-    with atomic_write(arguments.out / "robustness.csv", "w") as file:
-        writer = csv.DictWriter(file, fieldnames=list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
-    config = {
-        "floors": seeds,
-        "references_per_floor": REFERENCES,
-        "queries_per_floor": queries,
-        "laser": to_dict(Laser.sick()),
-        "features": to_dict(aprjax.FeatureConfig()),
-        "match": to_dict(aprjax.MatchConfig()),
-    }
-    with atomic_write(arguments.out / "configuration.json", "w") as file:
-        json.dump(config, file, indent=1)
+        write_figure(draw(points, label), arguments.out / f"{name}.png", dpi=150)
+    write_table(rows, arguments.out / "robustness.csv")
+    write_configuration(
+        arguments.out,
+        floors=seeds,
+        references_per_floor=REFERENCES,
+        queries_per_floor=queries,
+        laser=to_dict(Laser.sick()),
+    )
     return 0
 
 

@@ -7,6 +7,8 @@ from pathlib import Path
 import jax
 import pytest
 
+from experiments.data import data_root
+
 
 def pytest_configure(config):
     """Let the worker processes share what they compile, in a folder that goes with the session."""
@@ -25,9 +27,8 @@ def _strict_jax():
 
 @pytest.fixture(scope="session")
 def data() -> Path:
-    """The folder of the public logs: `APRJAX_DATA`, or shared/data beside the repository."""
-    folder = os.environ.get("APRJAX_DATA")
-    root = Path(folder) if folder else Path(__file__).resolve().parents[2] / "shared" / "data"
+    """The folder of the public logs."""
+    root = data_root()
     if not (root / "logs").is_dir():
         pytest.skip(f"no logs folder in {root}; set APRJAX_DATA")
     return root

@@ -1,7 +1,4 @@
-"""The public logs of `APRJAX_DATA`, or of shared/data beside the repository."""
-
-import os
-from pathlib import Path
+"""The public logs, read whole."""
 
 import numpy as np
 import pytest
@@ -20,15 +17,6 @@ LOGS = {
     "intel-lab.graph": (2672, 180, 1.0, None, 50.0),
     "mit-csail.graph": (1051, 361, 0.5, None, 50.0),
 }
-
-
-@pytest.fixture(scope="module")
-def data():
-    folder = os.environ.get("APRJAX_DATA")
-    root = Path(folder) if folder else Path(__file__).resolve().parents[3] / "shared" / "data"
-    if not (root / "logs").is_dir():
-        pytest.skip(f"no logs folder in {root}; set APRJAX_DATA")
-    return root
 
 
 @pytest.mark.parametrize("name", LOGS)
