@@ -1,5 +1,7 @@
 """How well anchors and matches do, in NumPy."""
 
+import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,6 +89,14 @@ def world_poses(result: MatchResult, ids: np.ndarray, T_world_ref: np.ndarray) -
     return ref + np.stack(moved, axis=-1)
 
 
+def relative(T_world_a: np.ndarray, T_world_b: np.ndarray) -> np.ndarray:
+    """`T_a_b` of poses `(..., 3)` in metres and radians; leading axes broadcast."""
+    dx, dy, turn = np.moveaxis(T_world_b - T_world_a, -1, 0)
+    cos, sin = np.cos(T_world_a[..., 2]), np.sin(T_world_a[..., 2])
+    turn = (turn + np.pi) % (2 * np.pi) - np.pi
+    return np.stack([cos * dx + sin * dy, cos * dy - sin * dx, turn], axis=-1)
+
+
 def deviations(poses: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Distances in metres and turns in radians between poses `(..., 3)` of one frame."""
     gap = np.hypot(poses[..., 0] - truth[..., 0], poses[..., 1] - truth[..., 1])
@@ -160,31 +170,71 @@ def score_matches(
     mapped counts neither way; a wrong one is wrong wherever the query was taken. NaN where there
     is nothing to take a share of.
     """
-    valid = np.asarray(result.valid)
     poses = world_poses(result, ids, T_world_ref)
     gap, turn = deviations(poses, T_world_query[:, None])
-    right = valid & is_right(poses, T_world_query[:, None])
+    right = np.asarray(result.valid) & is_right(poses, T_world_query[:, None])
     best = right[:, 0]
-    accepted = _accepted(
-        np.asarray(result.quality)[:, 0], best & mapped, valid[:, 0] & ~best, valid[:, 0]
-    )
+    answers = best_answers(result, ids, T_world_ref, T_world_query, mapped)
     count = np.sum(mapped)
     with np.errstate(invalid="ignore"):
         return Scores(
-            top1=float(np.sum(best & mapped) / count),
+            top1=float(np.sum(answers.right) / count),
             oracle=float(np.sum(right.any(axis=1) & mapped) / count),
-            hits=float(accepted / count),
+            hits=answers.accepted(0.002, free=1),
             error_m=float(np.median(gap[best, 0])) if best.any() else float("nan"),
             error_deg=float(np.degrees(np.median(turn[best, 0]))) if best.any() else float("nan"),
         )
 
 
-def _accepted(quality: np.ndarray, right: np.ndarray, wrong: np.ndarray, valid: np.ndarray) -> int:
-    """Most right ones above a threshold with at most max(1, 0.2 % of the accepted) wrong."""
-    order = np.argsort(-quality[valid], kind="stable")
-    quality, right = quality[valid][order], np.cumsum(right[valid][order])
-    wrong = np.cumsum(wrong[valid][order])
-    # A threshold takes equal qualities together.
-    last = np.r_[quality[1:] != quality[:-1], True][: len(quality)]
-    allowed = last & (wrong <= np.maximum(1, 0.002 * (right + wrong)))
-    return int(right[np.flatnonzero(allowed)[-1]]) if allowed.any() else 0
+@dataclass(frozen=True)
+class Answers:
+    """Best hypotheses of queries, `(queries,)` each; neither right nor wrong where none counts."""
+
+    quality: np.ndarray
+    """e_m."""
+    right: np.ndarray
+    """Right, and the query is mapped."""
+    wrong: np.ndarray
+    mapped: np.ndarray
+
+    def accepted(self, false: float, free: int = 0) -> float:
+        """Share of the mapped queries that one threshold on e_m accepts and that are right.
+
+        The threshold is the most generous one of which at most the share `false` of what it
+        accepts is wrong; so many wrong ones as `free` are let pass in any case. NaN if no query
+        is mapped.
+        """
+        counts = self.right | self.wrong
+        order = np.argsort(-self.quality[counts], kind="stable")
+        quality = self.quality[counts][order]
+        right, wrong = np.cumsum(self.right[counts][order]), np.cumsum(self.wrong[counts][order])
+        # A threshold takes equal qualities together.
+        last = np.diff(quality, append=-np.inf) != 0
+        fits = np.flatnonzero(last & (wrong <= np.maximum(free, false * (right + wrong))))
+        found = right[fits[-1]] if len(fits) else 0
+        return float(found / np.sum(self.mapped)) if self.mapped.any() else float("nan")
+
+
+def best_answers(
+    result: MatchResult,
+    ids: np.ndarray,
+    T_world_ref: np.ndarray,
+    T_world_query: np.ndarray,
+    mapped: np.ndarray,
+) -> Answers:
+    """The best hypotheses of batched results; the arguments are those of `score_matches`."""
+    valid = np.asarray(result.valid)[:, 0]
+    right = is_right(world_poses(result, ids, T_world_ref)[:, 0], T_world_query)
+    mapped = np.asarray(mapped, bool)
+    return Answers(
+        quality=np.asarray(result.quality)[:, 0],
+        right=valid & right & mapped,
+        wrong=valid & ~right,
+        mapped=mapped,
+    )
+
+
+def pooled(answers: Sequence[Answers]) -> Answers:
+    """Several logs' answers together, for one threshold on all of them."""
+    names = [field.name for field in dataclasses.fields(Answers)]
+    return Answers(*(np.concatenate([getattr(each, name) for each in answers]) for name in names))

@@ -22,7 +22,7 @@ from aprjax.anchors.candidates import Kind
 from aprjax.anchors.extract import Anchors, ExtractionConfig, choose_anchors
 from aprjax.anchors.segment import segment
 from aprjax.anchors.surface import surface
-from aprjax.metrics import reappearing
+from aprjax.metrics import reappearing, relative
 from aprjax.plot.anchors import draw_anchors
 
 FIGURE = (("freiburg-079", 117), ("fhw", 54), ("intel", 364))
@@ -84,14 +84,6 @@ def one(log: Described, index: int) -> tuple[aprjax.Scan, Anchors]:
     """One scan and its anchors."""
     scan, anchors = jax.tree.map(lambda array: array[index], (log.scans, log.anchors))
     return scan, anchors
-
-
-def relative(T_w_a: np.ndarray, T_w_b: np.ndarray) -> np.ndarray:
-    """`T_a_b` `(..., 3)` of true poses `T_w_a` `(3,)` and `T_w_b` `(..., 3)`."""
-    dx, dy, turn = np.moveaxis(T_w_b - T_w_a, -1, 0)
-    cos, sin = np.cos(T_w_a[2]), np.sin(T_w_a[2])
-    turn = (turn + np.pi) % (2 * np.pi) - np.pi
-    return np.stack([cos * dx + sin * dy, cos * dy - sin * dx, turn], axis=-1)
 
 
 def in_sight(scan: aprjax.Scan, xy: np.ndarray) -> np.ndarray:

@@ -1,89 +1,241 @@
-"""Match the real logs' splits and print what came of it, beside the paper's choices of candidates.
+"""Global matching on the real logs' splits: how good it is, and where right answers are lost.
 
-`python experiments/real_logs.py --out DIR [--quick] [SPLIT ...]`
+    python experiments/real_logs.py --out DIR [--quick] [SPLIT ...]
 
-For each split (reference and query logs with true poses), all queries are matched globally with
-all references, with the 5 and with the 1 of the highest preselection value (paper 2.E). Poses in
-the logs serve only to score. The data are looked for in the folder `APRJAX_DATA`, else in
-`../shared/data` beside the repository.
+For each split (reference and query logs with true poses; see `data.py` for where), all queries are
+matched globally with all references, with the 5 and with the 1 of the highest preselection value
+(paper 2.E), by one set of defaults. Poses in the logs serve only to score. Writes into DIR:
+
+- `real_logs.csv`: shares of the queries that were taken where a reference is (mapped). top1: the
+  best hypothesis is right (within 0.5 m and 10°); oracle: any is; hits: right best ones accepted
+  by the most generous threshold on e_m with at most one in 500 wrong, or a single one; at_0.2%
+  and at_1%: the same with at most that share of the accepted wrong. Median errors of the right
+  ones; expected calibration error of `probability` over all queries, wherever they were taken;
+  time of a query in a batch, compilation apart. The row `six` has means over the splits of
+  `SIX`, and the last two shares with one threshold for all of them.
+- `misses.csv`: of the mapped queries whose best hypothesis of all references is not right, how
+  many were lost at which stage; see `misses.py`. The last column counts right ones that the
+  threshold of hits does not accept.
+- `reliability.png`: how often each log's hypotheses are right, over the probability they claim.
+- `map-SPLIT.png`: the paper's Fig. 3, the answers that may be acted on (`confident`).
+- `configuration.json`: the defaults that made them.
 """
 
 import argparse
-import csv
 import dataclasses
-import json
-import os
 import sys
 import time
 from pathlib import Path
 
 import jax
 import numpy as np
+from data import Split, read_split, split_names
+from matplotlib.figure import Figure
+from misses import Loss, losses
+from outputs import print_table, write_configuration, write_figure, write_table
 
 import aprjax
-from aprjax.configuration import to_dict
-from aprjax.io.atomic import atomic_write
-from aprjax.metrics import Scores, score_matches
+from aprjax.metrics import (
+    Answers,
+    best_answers,
+    is_right,
+    pooled,
+    reliability,
+    score_matches,
+    world_poses,
+)
+from aprjax.plot.map import draw_map
+from aprjax.plot.reliability import draw_reliability
 
-CHOICES: dict[str, int | None] = {"top 1": 1, "top 5": 5, "all": None}
+CHOICES: dict[str, int | None] = {"1": 1, "5": 5, "all": None}  # references aligned
+SIX = (
+    "freiburg-079.revisit",
+    "fhw.revisit",
+    "intel.interleaved",
+    "intel.revisit",
+    "aces.interleaved",
+    "belgioioso.interleaved",
+)
+FALSE = {"at_0.2%": 0.002, "at_1%": 0.01}
+COLUMNS = 4  # of the reliability diagrams, at most
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """What came of a split's queries with one choice of references."""
+
+    split: Split
+    references: aprjax.ReferenceSet
+    result: aprjax.MatchResult
+    seconds: float
+    """A query, in a batch."""
+
+    @property
+    def poses(self) -> np.ndarray:
+        """Where the best hypotheses say that the queries were taken, `(queries, 3)`."""
+        return world_poses(self.result, self.references.ids, self.split.T_world_ref)[:, 0]
+
+    @property
+    def right(self) -> np.ndarray:
+        """Whether the best hypotheses are right, wherever the queries were taken."""
+        valid = np.asarray(self.result.valid)[:, 0]
+        return valid & is_right(self.poses, self.split.T_world_query)
+
+    @property
+    def probability(self) -> np.ndarray:
+        """What the best hypotheses claim."""
+        return np.asarray(self.result.probability)[:, 0]
+
+    @property
+    def answers(self) -> Answers:
+        """The best hypotheses, to be accepted by a threshold."""
+        split = self.split
+        return best_answers(
+            self.result, self.references.ids, split.T_world_ref, split.T_world_query, split.mapped
+        )
+
+
+def matched(split: Split, top_k: int | None) -> Outcome:
+    """All queries of a split, timed after a first call that compiles."""
+    references = aprjax.ReferenceSet.build(split.references)
+    config = dataclasses.replace(aprjax.MatchConfig(), top_k=top_k)
+    jax.block_until_ready(aprjax.match_batch(split.queries, references, config))
+    began = time.perf_counter()
+    result = jax.block_until_ready(aprjax.match_batch(split.queries, references, config))
+    seconds = (time.perf_counter() - began) / len(split.T_world_query)
+    return Outcome(split, references, result, seconds)
+
+
+def scored(choice: str, outcome: Outcome) -> dict:
+    """A row of the table."""
+    split, answers = outcome.split, outcome.answers
+    scores = score_matches(
+        outcome.result,
+        outcome.references.ids,
+        split.T_world_ref,
+        split.T_world_query,
+        split.mapped,
+    )
+    return {
+        "split": split.name,
+        "references": choice,
+        "mapped": int(split.mapped.sum()),
+        "top1": round(scores.top1, 4),
+        "oracle": round(scores.oracle, 4),
+        "hits": round(scores.hits, 4),
+        **{name: round(answers.accepted(false), 4) for name, false in FALSE.items()},
+        "error_m": round(scores.error_m, 4),
+        "error_deg": round(scores.error_deg, 3),
+        "calibration": round(reliability(outcome.probability, outcome.right).error, 4),
+        "ms": round(1e3 * outcome.seconds, 2),
+    }
+
+
+def summed_up(choice: str, rows: list[dict], outcomes: list[Outcome]) -> dict:
+    """The row of the six splits."""
+    together = pooled([outcome.answers for outcome in outcomes])
+    means = ("top1", "oracle", "hits", "error_m", "error_deg", "calibration", "ms")
+    return {
+        **rows[0],
+        "split": "six",
+        "mapped": int(together.mapped.sum()),
+        **{name: round(float(np.mean([row[name] for row in rows])), 4) for name in means},
+        **{name: round(together.accepted(false), 4) for name, false in FALSE.items()},
+    }
+
+
+def missed(outcome: Outcome) -> dict:
+    """A row of the breakdown."""
+    split, answers = outcome.split, outcome.answers
+    miss = np.flatnonzero(split.mapped & ~answers.right)
+    counts = np.zeros(len(Loss), int)
+    if len(miss):
+        queries = jax.tree.map(lambda array: array[miss], split.queries)
+        lost = losses(queries, outcome.references, split.T_world_ref, split.T_world_query[miss])
+        counts = np.bincount(lost, minlength=len(Loss))
+    mapped = int(split.mapped.sum())
+    hits = round(answers.accepted(0.002, free=1) * mapped)
+    return {
+        "split": split.name,
+        "mapped": mapped,
+        "missed": len(miss),
+        **{loss.name.lower(): int(count) for loss, count in zip(Loss, counts, strict=True)},
+        "right_not_accepted": int(answers.right.sum()) - hits,
+    }
+
+
+def reliability_figure(outcomes: list[Outcome]) -> Figure:
+    """A diagram for each split."""
+    columns = min(len(outcomes), COLUMNS)
+    rows = -(-len(outcomes) // columns)
+    figure = Figure(figsize=(3.25 * columns, 3.4 * rows), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False)
+    for ax in axes.flat[len(outcomes) :]:
+        ax.remove()
+    for outcome, ax in zip(outcomes, axes.flat, strict=False):
+        draw_reliability(outcome.probability, outcome.right, outcome.split.name, ax)
+    return figure
+
+
+def map_figure(outcome: Outcome) -> Figure:
+    """The answers that may be acted on, over what the reference scans saw."""
+    confident = np.asarray(outcome.result.confident)
+    return draw_map(
+        seen_points(outcome.split.references, outcome.split.T_world_ref),
+        outcome.split.T_world_ref,
+        outcome.poses,
+        confident & outcome.right,
+        confident & ~outcome.right,
+    )
+
+
+def seen_points(scans: aprjax.Scan, T_world_laser: np.ndarray) -> np.ndarray:
+    """The end points `(points, 2)` of stacked scans from their poses, in the world's frame."""
+    hit, xy = np.asarray(scans.hit), np.asarray(scans.points, float)
+    cos, sin = np.cos(T_world_laser[:, 2, None]), np.sin(T_world_laser[:, 2, None])
+    x, y = xy[..., 0], xy[..., 1]
+    moved = np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
+    return (T_world_laser[:, None, :2] + moved)[hit]
 
 
 def main() -> int:
+    """Match, print, write; the exit status."""
     parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("splits", nargs="*", help="names of splits (default: all)")
-    parser.add_argument("--out", type=Path, required=True, help="folder for the table")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
     parser.add_argument("--quick", action="store_true", help="every eighth query only")
     arguments = parser.parse_args()
-
-    default = Path(__file__).resolve().parents[2] / "shared" / "data"
-    folder = Path(os.environ.get("APRJAX_DATA", default)) / "splits"
-    if not folder.is_dir():
-        print(f"real_logs: no splits in {folder}; set APRJAX_DATA", file=sys.stderr)
-        return 1
-    names = arguments.splits or sorted(path.name for path in folder.iterdir())
-    rows = []
-    print(f"{'split':26s} {'references':10s}  top1  oracle  hits   err/m  err/°  ms/query")
-    for name in names:
-        for row in split_rows(folder / name, 8 if arguments.quick else 1):
-            rows.append({"split": name, **row})
-            print(
-                "{split:26s} {references:10s}  {top1:.3f} {oracle:.3f}  {hits:.3f}  "
-                "{error_m:.3f}  {error_deg:.2f}   {ms:.2f}".format(**rows[-1]),
-                flush=True,
-            )
+    names = arguments.splits or split_names()
+    splits = [read_split(name, 8 if arguments.quick else 1) for name in names]
     arguments.out.mkdir(parents=True, exist_ok=True)
-    with atomic_write(arguments.out / "real_logs.csv", "w") as file:
-        writer = csv.DictWriter(file, fieldnames=list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
-    config = {"features": to_dict(aprjax.FeatureConfig()), "match": to_dict(aprjax.MatchConfig())}
-    with atomic_write(arguments.out / "configuration.json", "w") as file:
-        json.dump(config, file, indent=1)
+
+    rows, breakdown, everything = [], [], []
+    for choice, top_k in CHOICES.items():
+        outcomes = []
+        for split in splits:
+            print(f"{split.name}, references {choice}", file=sys.stderr)
+            outcomes.append(matched(split, top_k))
+        of_choice = [scored(choice, outcome) for outcome in outcomes]
+        six = [k for k, split in enumerate(splits) if split.name in SIX]
+        if len(six) == len(SIX):
+            of_choice.append(
+                summed_up(choice, [of_choice[k] for k in six], [outcomes[k] for k in six])
+            )
+        print_table(of_choice)
+        rows += of_choice
+        everything = outcomes
+    breakdown = [missed(outcome) for outcome in everything]
+    print_table(breakdown)
+
+    write_table(rows, arguments.out / "real_logs.csv")
+    write_table(breakdown, arguments.out / "misses.csv")
+    write_figure(reliability_figure(everything), arguments.out / "reliability.png")
+    for outcome in everything:
+        write_figure(map_figure(outcome), arguments.out / f"map-{outcome.split.name}.png")
+    write_configuration(arguments.out, splits=names, every=8 if arguments.quick else 1)
     return 0
-
-
-def split_rows(folder: Path, stride: int) -> list[dict[str, object]]:
-    """One row of the table for each choice of candidates."""
-    references = list(aprjax.read_log(folder / "references.log.gz"))
-    queries = list(aprjax.read_log(folder / "queries.log.gz"))[::stride]
-    mapped = np.loadtxt(folder / "mapped.txt", dtype=bool, ndmin=1)[::stride]
-    T_world_ref = np.array([entry.logged_pose for entry in references])
-    T_world_query = np.array([entry.logged_pose for entry in queries])
-    built = aprjax.ReferenceSet.build([entry.scan for entry in references])
-    scans = aprjax.Scan.stack([entry.scan for entry in queries])
-    rows = []
-    for label, top_k in CHOICES.items():
-        config = dataclasses.replace(aprjax.MatchConfig(), top_k=top_k)
-        jax.block_until_ready(aprjax.match_batch(scans, built, config))
-        began = time.perf_counter()
-        result = jax.block_until_ready(aprjax.match_batch(scans, built, config))
-        seconds = time.perf_counter() - began
-        scores: Scores = score_matches(result, built.ids, T_world_ref, T_world_query, mapped)
-        figures = {name: round(value, 4) for name, value in dataclasses.asdict(scores).items()}
-        rows.append({"references": label, **figures, "ms": round(1e3 * seconds / len(queries), 3)})
-    return rows
 
 
 if __name__ == "__main__":

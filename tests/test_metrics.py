@@ -6,7 +6,17 @@ import pytest
 from aprjax.anchors.candidates import Kind
 from aprjax.anchors.extract import Anchors
 from aprjax.matcher import MatchResult
-from aprjax.metrics import is_right, reappearing, reliability, repeatability, world_poses
+from aprjax.metrics import (
+    Answers,
+    is_right,
+    pooled,
+    reappearing,
+    relative,
+    reliability,
+    repeatability,
+    score_matches,
+    world_poses,
+)
 from aprjax.scan import Scan
 
 STILL = np.zeros(3)
@@ -122,6 +132,14 @@ def test_hypotheses_are_placed_by_their_references():
         np.testing.assert_allclose(motion(poses[index]), expected, atol=1e-12)
 
 
+def test_a_relative_pose_undoes_the_composition():
+    rng = np.random.default_rng(1)
+    T_world_a, T_world_b = rng.normal(0, 3, (2, 5, 3))
+    for a, b, T_a_b in zip(T_world_a, T_world_b, relative(T_world_a, T_world_b), strict=True):
+        np.testing.assert_allclose(motion(a) @ motion(T_a_b), motion(b), atol=1e-12)
+        assert -np.pi <= T_a_b[2] < np.pi
+
+
 def test_right_is_within_half_a_metre_and_ten_degrees():
     truth = np.array([3.0, -2.0, np.pi - 0.01])
     turned = np.radians(9.9) - 0.01
@@ -151,3 +169,70 @@ def test_reliability_compares_claims_with_what_is_right_bin_by_bin():
 
 def test_no_hypotheses_have_no_calibration_error():
     assert reliability(np.zeros(0), np.zeros(0, bool)).error == 0
+
+
+def answers(text: str, quality=None) -> Answers:
+    """Best hypotheses in descending quality: r right, w wrong, u right but not mapped, - none."""
+    marks = np.array(list(text))
+    return Answers(
+        quality=np.linspace(1, 0.5, len(marks)) if quality is None else np.array(quality),
+        right=marks == "r",
+        wrong=marks == "w",
+        mapped=marks != "u",
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "false", "free", "accepted"),
+    [
+        ("rrrrwrrrr-", 0.0, 0, 4),
+        ("rrrrwrrrr-", 0.0, 1, 8),
+        ("rrrrwrrrr-", 0.12, 0, 8),
+        ("rrrrwrrrr-", 0.11, 0, 4),
+        ("wrrr", 0.2, 0, 0),
+        ("wrrrr", 0.2, 0, 4),
+        ("wrrwrrrrrr", 0.2, 0, 8),
+        ("urur", 0.0, 0, 2),
+        ("wwww", 0.5, 1, 0),
+        ("----", 0.5, 1, 0),
+    ],
+)
+def test_the_most_generous_threshold_with_few_enough_wrong_is_taken(text, false, free, accepted):
+    found = answers(text)
+    shuffled = Answers(*(getattr(found, n)[::-1] for n in ("quality", "right", "wrong", "mapped")))
+    for each in (found, shuffled):
+        assert each.accepted(false, free) == pytest.approx(accepted / found.mapped.sum())
+
+
+def test_a_threshold_takes_equal_qualities_together():
+    assert answers("rrrw", quality=[0.9, 0.8, 0.7, 0.7]).accepted(0.0) == 2 / 4
+
+
+def test_without_mapped_queries_there_is_no_share():
+    assert np.isnan(answers("uu").accepted(0.01))
+
+
+def test_one_threshold_holds_for_all_logs_that_are_pooled():
+    easy, hard = answers("rrrr", [0.9, 0.8, 0.3, 0.2]), answers("rwrr", [0.95, 0.4, 0.35, 0.1])
+    assert easy.accepted(0.0) == 1.0
+    assert hard.accepted(0.0) == 0.25
+    assert pooled([easy, hard]).accepted(0.0) == 3 / 8
+    assert pooled([easy, hard]).accepted(0.2) == 7 / 8
+
+
+def test_scores_are_shares_of_the_mapped_queries():
+    """Right, right at rank 1, wrong, right but not mapped, none."""
+    truth = np.zeros((5, 3))
+    poses = np.full((5, 2, 3), 5.0)
+    poses[[0, 1, 3], [0, 1, 0]] = 0.01
+    fields = dict.fromkeys(MatchResult.__dataclass_fields__)
+    fields |= {
+        "reference": np.zeros((5, 2), int),
+        "T_ref_query": poses,
+        "quality": np.array([[0.9, 0.1], [0.5, 0.4], [0.3, 0.1], [0.8, 0.0], [0, 0]]),
+        "valid": np.arange(5)[:, None] < np.array([4, 4]),
+    }
+    mapped = np.array([True, True, True, False, True])
+    found = score_matches(MatchResult(**fields), np.zeros(1, int), truth[:1], truth, mapped)  # type: ignore
+    assert (found.top1, found.oracle, found.hits) == (0.25, 0.5, 0.25)
+    assert found.error_m == pytest.approx(0.01 * np.sqrt(2))

@@ -1,4 +1,4 @@
-"""The paper's Fig. 3: a run over a floor plan, and where matching said that it went."""
+"""The paper's Fig. 3: a run over a floor, and where matching said that it went."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,46 +10,53 @@ from aprjax.sim.world import World
 
 _PLAN, _REFERENCE, _CORRECT, _FALSE = "#c9c4ba", "#1f5fa8", "#8a8a8a", "#000000"
 _TICK = 0.55  # metres, for a reference's heading
-# Metres, forward and left: an estimate's triangle, its tip ahead.
+# Metres, forward and left: an estimate's triangle, its tip ahead, on a floor of up to `_SPAN`.
+_SPAN = 25.0
 _TRIANGLE = np.array([[0.18, 0.0], [-0.1, 0.1], [-0.1, -0.1]])
 
 
 def draw_map(
-    world: World,
+    floor: World | np.ndarray,
     T_world_ref: np.ndarray,
     T_world_query: np.ndarray,
     correct: np.ndarray,
     false: np.ndarray,
     ax: Axes | None = None,
 ) -> Figure:
-    """Draw a run's global matches over the floor plan, in the plan's frame.
+    """Draw a run's global matches over the floor, in the floor's frame.
 
-    `world` is the plan, drawn in light lines; `T_world_ref` `(references, 3)` are the poses of the
-    reference scans, points with a tick along the heading; `T_world_query` `(queries, 3)` are the
-    estimates in the order of the run, in metres and radians. Those under `correct` are grey
+    `floor` is a plan, drawn in light lines, or what scans saw of it, `(points, 2)` in metres,
+    drawn as light dots; `T_world_ref` `(references, 3)` are the poses of the reference scans,
+    points with a tick along the heading; `T_world_query` `(queries, 3)` are the estimates in the
+    order of the run, in metres and radians. Those under `correct` are grey
     triangles and those under `false` black ones, masks `(queries,)`; the others are not drawn,
     but a line bridges the gap they leave between two correct ones. `ax` defaults to the axes of a
     new figure. Returns the figure, which belongs to no window.
     """
-    segments, circles = np.asarray(world.segments), np.asarray(world.circles)
-    ax = _new_axes(segments) if ax is None else ax
+    seen = np.asarray(floor.segments).reshape(-1, 2) if isinstance(floor, World) else floor
+    ax = _new_axes(seen) if ax is None else ax
     prepare(ax)
     ax.grid(False)
-    _draw_world(ax, segments, circles)
+    if isinstance(floor, World):
+        _draw_world(ax, np.asarray(floor.segments), np.asarray(floor.circles))
+    else:
+        # As pixels and not as vectors: there are tens of thousands.
+        ax.plot(*floor.T, ls="", marker=",", color=_PLAN, zorder=1, rasterized=True)
 
     _draw_references(ax, T_world_ref)
     found, wrong = T_world_query[np.asarray(correct)], T_world_query[np.asarray(false)]
-    _draw_triangles(ax, found, _CORRECT, "correct", zorder=3)
-    _draw_triangles(ax, wrong, _FALSE, "false", zorder=5)
+    size = max(1.0, np.ptp(seen, axis=0).max() / _SPAN) if len(seen) else 1.0
+    _draw_triangles(ax, found, size, _CORRECT, "correct", zorder=3)
+    _draw_triangles(ax, wrong, size, _FALSE, "false", zorder=5)
     _draw_gaps(ax, T_world_query, np.flatnonzero(correct))
-    frame(ax, segments.reshape(-1, 2), T_world_ref[:, :2], found[:, :2], wrong[:, :2])
+    frame(ax, seen, T_world_ref[:, :2], found[:, :2], wrong[:, :2])
     add_legend(ax)
     return figure_of(ax)
 
 
-def _new_axes(segments: np.ndarray) -> Axes:
-    """Axes of a new figure as high as it takes to show the plan 10 inches wide."""
-    width, height = np.ptp(segments.reshape(-1, 2), axis=0) if len(segments) else (1.0, 1.0)
+def _new_axes(seen: np.ndarray) -> Axes:
+    """Axes of a new figure as high as it takes to show the points `(n, 2)` 10 inches wide."""
+    width, height = np.ptp(seen, axis=0) if len(seen) else (1.0, 1.0)
     inches = float(np.clip(10.0 * (height + 1.0) / (width + 1.0), 2.0, 12.0))
     return Figure(figsize=(10.8, inches + 1.1), layout="constrained").add_subplot()
 
@@ -88,9 +95,11 @@ def _draw_references(ax: Axes, poses: np.ndarray) -> None:
     )
 
 
-def _draw_triangles(ax: Axes, poses: np.ndarray, colour: str, label: str, zorder: int) -> None:
+def _draw_triangles(
+    ax: Axes, poses: np.ndarray, size: float, colour: str, label: str, zorder: int
+) -> None:
     cos, sin = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])
-    ahead, left = _TRIANGLE.T
+    ahead, left = size * _TRIANGLE.T
     turned = np.stack([cos * ahead - sin * left, sin * ahead + cos * left], axis=-1)
     ax.add_collection(
         PolyCollection(

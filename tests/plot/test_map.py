@@ -98,6 +98,24 @@ def test_a_run_without_any_match_and_an_empty_plan(tmp_path):
     figure.savefig(tmp_path / "map.png", dpi=50)
 
 
+def test_what_scans_saw_may_stand_for_the_plan(tmp_path):
+    points = np.random.default_rng(0).uniform(0, 8, (50, 2))
+    figure = draw_map(points, REFERENCES, COURSE, CORRECT, FALSE)
+    (ax,) = figure.axes
+    np.testing.assert_array_equal(ax.lines[0].get_xydata(), points)
+    assert [len(each) for each in triangles(figure)] == [6, 1]
+    assert ax.get_xlim() == pytest.approx((points[:, 0].min() - 0.5, points[:, 0].max() + 0.5))
+
+
+def test_triangles_grow_with_the_floor():
+    small, large = (
+        triangles(draw_map(size * np.eye(2), REFERENCES, COURSE, CORRECT, FALSE))[0]
+        for size in (20.0, 100.0)
+    )
+    across = [np.ptp(corners, axis=1).max() for corners in (small, large)]
+    assert 3 < across[1] / across[0] < 6
+
+
 def test_given_axes_are_used():
     figure = Figure()
     ax = figure.subplots()
