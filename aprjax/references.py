@@ -213,6 +213,6 @@ def _index(
         padded,
         pad(np.asarray(features.view.angle_increment), fill=1),
     )
-    known = np.isfinite(T_world_ref).all(axis=1)
+    known = np.all(np.isfinite(T_world_ref), axis=1)
     placement = Placement(pad(np.where(known[:, None], T_world_ref, 0.0)), pad(known))
     return ReferenceIndex(padded, pad(ids, fill=-1), placement, config)

@@ -156,7 +156,7 @@ class _Arrays:
         if int(self.get("version", (), np.int64)) < 2:
             return None
         poses = self.get("T_world_ref", (count, 3), np.float32)
-        _all(~np.isinf(poses).any(axis=1), "T_world_ref[{}] is infinite")
+        _all(~np.any(np.isinf(poses), axis=1), "T_world_ref[{}] is infinite")
         return poses
 
     def scans(self, count: int) -> Scan:
