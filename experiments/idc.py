@@ -1,0 +1,172 @@
+"""Iterative dual correspondence on real logs: how far from the truth it ends.
+
+`python experiments/idc.py --out DIR [--quick]`
+
+Pairs of a reference and a query that overlap by half: of the hits of either scan, at least half
+lie within 0.1 m of the other's surface at the true pose. Up to 60 pairs of each split, drawn by a
+fixed seed; starts 0.3 m off in a random direction and 10° to a random side. Prints for
+each split and for all the median error, the share within 0.2 m and 2°, the share that
+`converged`, and that of pairs of different places which did, the queries given to each other's
+references. Beside them what point-to-line refinement (`refine`) alone makes of the same starts.
+Writes `idc.csv`. The logs are looked for in the folder `APRJAX_DATA`, else in `../shared/data`
+beside the repository; their poses serve only to choose pairs and to score.
+"""
+
+import argparse
+import csv
+import os
+import sys
+import time
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import aprjax
+from aprjax.evaluation.view import View
+from aprjax.io.atomic import atomic_write
+from aprjax.metrics import deviations
+from aprjax.refine import RefineConfig, refine
+from aprjax.se2 import compose
+from aprjax.tracking.idc import IdcConfig, idc
+
+PAIRS = 60
+DISTANCE, ANGLE = 0.3, np.radians(10.0)  # of the starts from the truth
+NEAR, TURNED = 0.2, np.radians(2.0)  # of a good end from the truth
+OVERLAP, SURFACE = 0.5, 0.1
+FARTHEST = 6.0  # metres between reference and query
+
+
+def main() -> int:
+    """Choose pairs, match, print, write; the exit status."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--quick", action="store_true", help="ten pairs of each split")
+    arguments = parser.parse_args()
+    beside = Path(__file__).resolve().parents[1].parent / "shared" / "data"
+    folder = Path(os.environ.get("APRJAX_DATA") or beside) / "splits"
+    if not folder.is_dir():
+        print(f"idc: no splits in {folder}; set APRJAX_DATA", file=sys.stderr)
+        return 1
+
+    refine_batch = jax.jit(jax.vmap(refine, (0, 0, 0, None)))
+    rows, ends = [], []
+    count = 10 if arguments.quick else PAIRS
+    for path in sorted(folder.iterdir()):
+        references, queries, truth = pairs_of(path, count)
+        start = starts(truth)
+        idc(references, queries, start, IdcConfig())
+        began = time.perf_counter()
+        found = jax.block_until_ready(idc(references, queries, start, IdcConfig()))
+        ms = 1e3 * (time.perf_counter() - began) / len(truth)
+        strange = jax.tree.map(lambda array: np.roll(array, array.shape[0] // 2, axis=0), queries)
+        wrong = idc(references, strange, start, IdcConfig()).converged
+        alone = refine_batch(references, queries, start, RefineConfig()).T_ref_query
+        gap, turn = deviations(np.asarray(found.T_ref_query, float), truth)
+        gap_alone, turn_alone = deviations(np.asarray(alone, float), truth)
+        ends.append(np.stack([gap, turn, found.converged, wrong, gap_alone, turn_alone]))
+        rows.append({"split": path.name, **figures(*ends[-1]), "ms": f"{ms:.1f}"})
+    rows.append({"split": "all", **figures(*np.concatenate(ends, axis=1)), "ms": ""})
+
+    print("  ".join(rows[0]))
+    for row in rows:
+        print("  ".join(f"{value!s:>{len(name)}s}" for name, value in row.items()))
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    with atomic_write(arguments.out / "idc.csv", "w") as file:
+        writer = csv.DictWriter(file, fieldnames=list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    return 0
+
+
+def figures(gap, turn, converged, wrong, gap_alone, turn_alone) -> dict[str, object]:
+    """Medians and shares of some pairs' ends."""
+    good = (gap < NEAR) & (turn < TURNED)
+    return {
+        "pairs": len(gap),
+        "median_m": f"{np.median(gap):.3f}",
+        "median_deg": f"{np.degrees(np.median(turn)):.2f}",
+        "within": f"{good.mean():.3f}",
+        "converged": f"{converged.mean():.3f}",
+        "wrong_converged": f"{wrong.mean():.3f}",
+        "refine_m": f"{np.median(gap_alone):.3f}",
+        "refine_within": f"{np.mean((gap_alone < NEAR) & (turn_alone < TURNED)):.3f}",
+    }
+
+
+def starts(truth: np.ndarray) -> np.ndarray:
+    """Poses `(pairs, 3)` off the true ones, to random sides."""
+    rng = np.random.default_rng(1)
+    side = rng.uniform(-np.pi, np.pi, len(truth))
+    turn = ANGLE * rng.choice([-1, 1], len(truth))
+    offset = np.stack([DISTANCE * np.cos(side), DISTANCE * np.sin(side), turn], axis=-1)
+    return np.asarray(compose(jnp.float32(truth), jnp.float32(offset)))
+
+
+def pairs_of(folder: Path, count: int) -> tuple[View, View, np.ndarray]:
+    """Views of references and queries that overlap, and their true `T_ref_query` `(pairs, 3)`."""
+    references = list(aprjax.read_log(folder / "references.log.gz"))
+    queries = list(aprjax.read_log(folder / "queries.log.gz"))
+    T_world_ref = np.array([entry.logged_pose for entry in references])
+    T_world_query = np.array([entry.logged_pose for entry in queries])
+    hits = [[_hits(entry.scan) for entry in log] for log in (references, queries)]
+    rng = np.random.default_rng(0)
+    chosen = []
+    for q in rng.permutation(len(queries)):
+        off = np.hypot(*(T_world_ref - T_world_query[q])[:, :2].T)
+        for r in rng.permutation(np.flatnonzero(off < FARTHEST))[:4]:
+            there, here = _at(T_world_ref[r], hits[0][r]), _at(T_world_query[q], hits[1][q])
+            if min(_overlap(there, here), _overlap(here, there)) >= OVERLAP:
+                chosen.append((r, q))
+                break
+        if len(chosen) == count:
+            break
+    views = [
+        _views([log[pair[k]].scan for pair in chosen])
+        for k, log in enumerate((references, queries))
+    ]
+    r, q = np.array(chosen).T
+    # In NumPy's double precision: the poses of some logs are far from their origin.
+    there, here = T_world_query[q], T_world_ref[r]
+    cos, sin = np.cos(here[:, 2]), np.sin(here[:, 2])
+    x, y, theta = (there - here).T
+    truth = np.stack([cos * x + sin * y, cos * y - sin * x, theta], axis=-1)
+    return views[0], views[1], truth
+
+
+def _views(scans: list[aprjax.Scan]) -> View:
+    stacked = aprjax.ReferenceSet.build(scans).index.features.view
+    return jax.tree.map(lambda array: np.asarray(array)[: len(scans)], stacked)
+
+
+def _hits(scan: aprjax.Scan) -> np.ndarray:
+    return np.asarray(scan.points, float)[np.asarray(scan.hit)]
+
+
+def _at(T_world_laser: np.ndarray, xy: np.ndarray) -> np.ndarray:
+    cos, sin = np.cos(T_world_laser[2]), np.sin(T_world_laser[2])
+    return T_world_laser[:2] + xy @ np.array([[cos, sin], [-sin, cos]])
+
+
+def _overlap(xy: np.ndarray, other: np.ndarray, jump: float = 0.5) -> float:
+    """Share of the hits `xy` that lie on the other's surface: its hits, and lines between those.
+
+    Neighbouring hits farther apart than `jump` metres are not joined.
+    """
+    if len(xy) == 0 or len(other) < 2:
+        return 0.0
+    start, along = other[:-1], np.diff(other, axis=0)
+    square = (along**2).sum(axis=1)
+    along, square = np.where(square[:, None] < jump**2, along, 0.0), np.maximum(square, 1e-9)
+    off = xy[:, None] - start
+    share = np.clip((off * along).sum(axis=-1) / square, 0.0, 1.0)
+    gap = np.linalg.norm(off - share[..., None] * along, axis=-1).min(axis=1)
+    gap = np.minimum(gap, np.linalg.norm(xy - other[-1], axis=1))
+    return float(np.mean(gap < SURFACE))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
