@@ -44,7 +44,7 @@ class IdcConfig(eqx.Module):
     still: Float[Array, ""] = threshold(0.1, "metres and radians that the last solve may move")
     min_paired: Float[Array, ""] = threshold(0.5, "share of hits on the other's surface when found")
     points: int = capacity(64, "most end points of a scan that are paired")
-    headings: int = capacity(5, "headings to start from")
+    headings: int = capacity(3, "headings to start from")
     iterations: int = capacity(16, "steps from each")
     last: RefineConfig = RefineConfig()
 
