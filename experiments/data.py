@@ -59,6 +59,11 @@ def read_split(name: str, stride: int = 1) -> Split:
     )
 
 
+def track_folder(name: str) -> Path:
+    """A run to build a map from and one to localize in it, `build` and `track`, with the truth."""
+    return _found(data_root() / "tracks" / name)
+
+
 def _found(path: Path) -> Path:
     """The path, if it is there; a script without its data ends in one clear line."""
     if not path.exists():

@@ -8,13 +8,11 @@ fixed seed; starts 0.3 m off in a random direction and 10° to a random side. Pr
 each split and for all the median error, the share within 0.2 m and 2°, the share that
 `converged`, and that of pairs of different places which did, the queries given to each other's
 references. Beside them what point-to-line refinement (`refine`) alone makes of the same starts.
-Writes `idc.csv`. The logs are looked for in the folder `APRJAX_DATA`, else in `../shared/data`
-beside the repository; their poses serve only to choose pairs and to score.
+Writes `idc.csv`. The logs' poses serve only to choose pairs and to score; see `data.py` for where
+the logs lie.
 """
 
 import argparse
-import csv
-import os
 import sys
 import time
 from pathlib import Path
@@ -22,11 +20,12 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
+from data import Split, read_split, split_names
+from outputs import print_table, write_table
 
 import aprjax
 from aprjax.evaluation.view import View
-from aprjax.io.atomic import atomic_write
-from aprjax.metrics import deviations
+from aprjax.metrics import deviations, relative
 from aprjax.refine import RefineConfig, refine
 from aprjax.se2 import compose
 from aprjax.tracking.idc import IdcConfig, idc
@@ -46,17 +45,11 @@ def main() -> int:
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
     parser.add_argument("--quick", action="store_true", help="ten pairs of each split")
     arguments = parser.parse_args()
-    beside = Path(__file__).resolve().parents[1].parent / "shared" / "data"
-    folder = Path(os.environ.get("APRJAX_DATA") or beside) / "splits"
-    if not folder.is_dir():
-        print(f"idc: no splits in {folder}; set APRJAX_DATA", file=sys.stderr)
-        return 1
-
     refine_batch = jax.jit(jax.vmap(refine, (0, 0, 0, None)))
     rows, ends = [], []
     count = 10 if arguments.quick else PAIRS
-    for path in sorted(folder.iterdir()):
-        references, queries, truth = pairs_of(path, count)
+    for name in split_names():
+        references, queries, truth = pairs_of(read_split(name), count)
         start = starts(truth)
         idc(references, queries, start, IdcConfig())
         began = time.perf_counter()
@@ -68,17 +61,12 @@ def main() -> int:
         gap, turn = deviations(np.asarray(found.T_ref_query, float), truth)
         gap_alone, turn_alone = deviations(np.asarray(alone, float), truth)
         ends.append(np.stack([gap, turn, found.converged, wrong, gap_alone, turn_alone]))
-        rows.append({"split": path.name, **figures(*ends[-1]), "ms": f"{ms:.1f}"})
+        rows.append({"split": name, **figures(*ends[-1]), "ms": f"{ms:.1f}"})
     rows.append({"split": "all", **figures(*np.concatenate(ends, axis=1)), "ms": ""})
 
-    print("  ".join(rows[0]))
-    for row in rows:
-        print("  ".join(f"{value!s:>{len(name)}s}" for name, value in row.items()))
+    print_table(rows)
     arguments.out.mkdir(parents=True, exist_ok=True)
-    with atomic_write(arguments.out / "idc.csv", "w") as file:
-        writer = csv.DictWriter(file, fieldnames=list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
+    write_table(rows, arguments.out / "idc.csv")
     return 0
 
 
@@ -106,16 +94,13 @@ def starts(truth: np.ndarray) -> np.ndarray:
     return np.asarray(compose(jnp.float32(truth), jnp.float32(offset)))
 
 
-def pairs_of(folder: Path, count: int) -> tuple[View, View, np.ndarray]:
+def pairs_of(split: Split, count: int) -> tuple[View, View, np.ndarray]:
     """Views of references and queries that overlap, and their true `T_ref_query` `(pairs, 3)`."""
-    references = list(aprjax.read_log(folder / "references.log.gz"))
-    queries = list(aprjax.read_log(folder / "queries.log.gz"))
-    T_world_ref = np.array([entry.logged_pose for entry in references])
-    T_world_query = np.array([entry.logged_pose for entry in queries])
-    hits = [[_hits(entry.scan) for entry in log] for log in (references, queries)]
+    T_world_ref, T_world_query = split.T_world_ref, split.T_world_query
+    hits = [_hits(scans) for scans in (split.references, split.queries)]
     rng = np.random.default_rng(0)
     chosen = []
-    for q in rng.permutation(len(queries)):
+    for q in rng.permutation(len(T_world_query)):
         off = np.hypot(*(T_world_ref - T_world_query[q])[:, :2].T)
         for r in rng.permutation(np.flatnonzero(off < FARTHEST))[:4]:
             there, here = _at(T_world_ref[r], hits[0][r]), _at(T_world_query[q], hits[1][q])
@@ -124,26 +109,19 @@ def pairs_of(folder: Path, count: int) -> tuple[View, View, np.ndarray]:
                 break
         if len(chosen) == count:
             break
-    views = [
-        _views([log[pair[k]].scan for pair in chosen])
-        for k, log in enumerate((references, queries))
-    ]
     r, q = np.array(chosen).T
-    # In NumPy's double precision: the poses of some logs are far from their origin.
-    there, here = T_world_query[q], T_world_ref[r]
-    cos, sin = np.cos(here[:, 2]), np.sin(here[:, 2])
-    x, y, theta = (there - here).T
-    truth = np.stack([cos * x + sin * y, cos * y - sin * x, theta], axis=-1)
-    return views[0], views[1], truth
+    truth = relative(T_world_ref[r], T_world_query[q])
+    return _views(split.references, r), _views(split.queries, q), truth
 
 
-def _views(scans: list[aprjax.Scan]) -> View:
-    stacked = aprjax.ReferenceSet.build(scans).index.features.view
-    return jax.tree.map(lambda array: np.asarray(array)[: len(scans)], stacked)
+def _views(scans: aprjax.Scan, rows: np.ndarray) -> View:
+    chosen = jax.tree.map(lambda array: np.asarray(array)[rows], scans)
+    stacked = aprjax.ReferenceSet.build(chosen).index.features.view
+    return jax.tree.map(lambda array: np.asarray(array)[: len(rows)], stacked)
 
 
-def _hits(scan: aprjax.Scan) -> np.ndarray:
-    return np.asarray(scan.points, float)[np.asarray(scan.hit)]
+def _hits(scans: aprjax.Scan) -> list[np.ndarray]:
+    return [xy[hit] for xy, hit in zip(np.asarray(scans.points, float), scans.hit, strict=True)]
 
 
 def _at(T_world_laser: np.ndarray, xy: np.ndarray) -> np.ndarray:

@@ -7,17 +7,16 @@ freiburg-079.revisit); the mapped scans of the track run are sorted into its cla
 each seed, the share that falls into a class registered at its place, or a neighbour of one, and
 the share of pairs of a mapped scan and a place over 5 m away of which that holds: `here` and `far`
 with the classes of all build scans within 1 m and 40° of the place, `nearest` with the one class of
-the build scan there. True poses (`build.tum`, `track.tum`) only score. The logs are looked for in
-the folder `APRJAX_DATA`, else in `../shared/data` beside the repository.
+the build scan there. True poses (`build.tum`, `track.tum`) only score; see `data.py` for where the
+logs lie.
 """
 
 import argparse
 import dataclasses
-import os
 import sys
-from pathlib import Path
 
 import numpy as np
+from data import track_folder
 
 import aprjax
 from aprjax.io.trajectory import read_tum
@@ -34,12 +33,7 @@ def main() -> int:
     parser.add_argument("--track", default="freiburg-079.revisit", metavar="NAME")
     parser.add_argument("--seeds", type=int, default=5, metavar="N")
     arguments = parser.parse_args()
-    beside = Path(__file__).resolve().parents[1].parent / "shared" / "data"
-    folder = Path(os.environ.get("APRJAX_DATA") or beside) / "tracks" / arguments.track
-    if not folder.is_dir():
-        print(f"scan_classifier: no track in {folder}; set APRJAX_DATA", file=sys.stderr)
-        return 1
-
+    folder = track_folder(arguments.track)
     runs = {
         name: (
             [entry.scan for entry in aprjax.read_log(folder / f"{name}.log.gz")],
