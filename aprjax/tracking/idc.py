@@ -251,7 +251,7 @@ def _same_range(
 def _search(nearer, xy, rows):
     """Piece after piece over all points: on a CPU, XLA vectorises this, and not an argmin."""
     nothing = jnp.full_like(xy[:, 0], _NOTHING), jnp.zeros_like(xy[:, 0]), jnp.zeros_like(xy[:, 0])
-    (cost, dx, dy), _ = jax.lax.scan(nearer, nothing, rows, unroll=4)
+    (cost, dx, dy), _ = jax.lax.scan(nearer, nothing, rows, unroll=2)
     return cost, jnp.stack([dx, dy], axis=-1)
 
 

@@ -100,7 +100,7 @@ def test_points_of_the_same_range_are_those_of_the_oracle(pairs):
     assert 0 < none < len(xy)
 
 
-@pytest.mark.parametrize("index", range(4))
+@pytest.mark.parametrize("index", range(2))
 def test_a_step_is_that_of_the_oracle(pairs, index):
     reference, query = row(pairs.references, index), row(pairs.queries, index)
     start = pairs.starts()[index]
