@@ -1,0 +1,346 @@
+"""The hybrid world model (paper section 3): a graph of places with local frames, and no other.
+
+Nodes are distinctive places, each with a metric frame of its own; an arc holds the approximate
+pose of its ends' frames to each other. What the sensors saw sits at the arcs' ends, with its pose
+in the node's frame. There is no global frame; `super_space` composes local ones along the arcs.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import networkx as nx
+import numpy as np
+
+from aprjax.features import FeatureConfig
+from aprjax.references import ReferenceSet
+from aprjax.scan import Scan
+from aprjax.world.plane import compose, inverse, inverse_covariance, relative, wrap
+
+KINDS = ("driven", "closed")
+"""How an arc was found: the robot drove along it, or recognized one end when it came there."""
+
+
+class WorldModelError(ValueError):
+    """An edit that would leave a world model inconsistent. One line: which part, and why."""
+
+
+@dataclass(frozen=True, eq=False)
+class Arc:
+    """A way between two nodes."""
+
+    a: int
+    b: int
+    T_a_b: np.ndarray
+    """`(3,)`: b's frame in a's; metres, radians."""
+    covariance: np.ndarray
+    """`(3, 3)` of `T_a_b`."""
+    kind: str
+    """One of `KINDS`."""
+
+    @property
+    def length(self) -> float:
+        """Metres between the nodes' origins."""
+        return float(np.hypot(self.T_a_b[0], self.T_a_b[1]))
+
+    def seen_from(self, node: int) -> "Arc":
+        """The same arc with `node`, one of its ends, as `a`."""
+        if node == self.a:
+            return self
+        covariance = inverse_covariance(self.T_a_b, self.covariance)
+        return Arc(self.b, self.a, inverse(self.T_a_b), covariance, self.kind)
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Where in the super space something is: a pose in a node's frame."""
+
+    node: int
+    T_node_laser: np.ndarray
+    """`(3,)` metres, radians."""
+
+
+@dataclass(frozen=True, eq=False)
+class Appearance:
+    """What one sensor saw of a node: a reference scan, or the class of an image."""
+
+    place: Place
+    scan: int | None = None
+    """Number of the scan in the log that the map was built from."""
+    image_class: int | None = None
+    """None for a reference scan."""
+
+
+@dataclass(frozen=True)
+class ArcEnd:
+    """The end of an arc that an appearance belongs to, and the direction of travel there."""
+
+    node: int
+    neighbour: int | None
+    """The arc's other end; None where the node has no arc."""
+    leaving: bool
+    """Whether the sensor looked along the arc, away from the node, or back over it."""
+
+
+class WorldModel:
+    """A graph of nodes with local frames, arcs between them, and what was seen at their ends.
+
+    `graph` is an undirected networkx graph with an attribute `arc` on each edge and `scan` on each
+    node, the number of the log's scan whose laser pose is the node's frame (or None). It is for
+    reading; the methods that edit keep what `check` demands. Whoever has read `references`, the
+    scans described for the matcher, has paid for it: they are described when first asked for.
+    """
+
+    def __init__(self, features: FeatureConfig | None = None) -> None:
+        self.graph: nx.Graph = nx.Graph()
+        self.appearances: dict[int, Appearance] = {}
+        """Reference scans by their id in `references`."""
+        self.images: dict[int, Appearance] = {}
+        """Image classes by a number of their own."""
+        self.places: dict[int, Place] = {}
+        """Where each scan of the log was taken."""
+        self.features = FeatureConfig() if features is None else features
+        self.next_reference = 0
+        self._scans: dict[int, Scan] = {}
+        self._described: ReferenceSet | None = None
+
+    # Reading
+
+    @property
+    def nodes(self) -> list[int]:
+        """Ids, ascending."""
+        return sorted(self.graph)
+
+    def arcs(self) -> Iterator[Arc]:
+        """All arcs, by their nodes' ids."""
+        for _, _, arc in sorted(self.graph.edges(data="arc"), key=lambda edge: sorted(edge[:2])):
+            yield arc
+
+    def arc(self, a: int, b: int) -> Arc:
+        """The arc between two nodes, seen from `a`. Raises `WorldModelError` if there is none."""
+        if not self.graph.has_edge(a, b):
+            raise WorldModelError(f"arc: there is none between {a} and {b}")
+        return self.graph.edges[a, b]["arc"].seen_from(a)
+
+    @property
+    def reference_scans(self) -> dict[int, Scan]:
+        """The reference scans by id."""
+        return dict(self._scans)
+
+    @property
+    def references(self) -> ReferenceSet:
+        """The reference scans as the matcher takes them. Raises `WorldModelError` if none."""
+        if not self._scans:
+            raise WorldModelError("references: the world model has none")
+        known = set() if self._described is None else set(map(int, self._described.ids))
+        gone, new = known - self._scans.keys(), sorted(self._scans.keys() - known)
+        if self._described is None or len(gone) == len(known):
+            self._described = ReferenceSet.restore(
+                Scan.stack([self._scans[i] for i in sorted(self._scans)]),
+                np.array(sorted(self._scans)),
+                self.next_reference,
+                self.features,
+            )
+        else:
+            kept = self._described.remove(sorted(gone)) if gone else self._described
+            # An id that was given and taken back between two calls is passed over.
+            kept = replace(kept, next_id=new[0]) if new else kept
+            for reference in new:
+                kept = replace(kept, next_id=reference).add([self._scans[reference]])
+            self._described = kept
+        return self._described
+
+    def arc_end(self, appearance: Appearance) -> ArcEnd:
+        """The end of the arc that an appearance looks along, forward or back, most nearly."""
+        node, heading = appearance.place.node, appearance.place.T_node_laser[2]
+        best = (np.inf, ArcEnd(node, None, True))
+        for neighbour in sorted(self.graph[node]):
+            x, y, _ = self.arc(node, neighbour).T_a_b
+            off = abs(float(wrap(np.asarray(heading - np.arctan2(y, x)))))
+            end = ArcEnd(node, neighbour, off <= np.pi / 2)
+            best = min(best, (min(off, np.pi - off), end), key=lambda pair: pair[0])
+        return best[1]
+
+    def seen_along(self, node: int, neighbour: int) -> list[int]:
+        """Ids of the references at `node`'s end of the arc to `neighbour`, in both directions."""
+        self.arc(node, neighbour)
+        return [
+            reference
+            for reference, appearance in sorted(self.appearances.items())
+            if appearance.place.node == node and self.arc_end(appearance).neighbour == neighbour
+        ]
+
+    # Editing
+
+    def add_node(self, scan: int | None = None, node: int | None = None) -> int:
+        """A node without arcs; its id, by default one more than the largest there is."""
+        node = max(self.graph, default=-1) + 1 if node is None else node
+        if node in self.graph:
+            raise WorldModelError(f"node {node}: there is one already")
+        if node < 0:
+            raise WorldModelError(f"node {node}: ids are not negative")
+        self.graph.add_node(node, scan=scan)
+        return node
+
+    def add_arc(self, arc: Arc) -> None:
+        """An arc between two nodes that have none yet."""
+        _check_arc(arc)
+        self._check_nodes("arc", arc.a, arc.b)
+        if self.graph.has_edge(arc.a, arc.b):
+            raise WorldModelError(f"arc: there is one between {arc.a} and {arc.b} already")
+        self.graph.add_edge(arc.a, arc.b, arc=arc)
+
+    def replace_arc(self, arc: Arc) -> None:
+        """Another estimate of an arc that is there."""
+        _check_arc(arc)
+        self.arc(arc.a, arc.b)
+        self.graph.edges[arc.a, arc.b]["arc"] = arc
+
+    def remove_arc(self, a: int, b: int) -> None:
+        """Take an arc away; its nodes stay."""
+        self.arc(a, b)
+        self.graph.remove_edge(a, b)
+
+    def place_scan(self, scan: int, place: Place) -> None:
+        """Say where a scan of the log was taken."""
+        self._check_place(f"scan {scan}", place)
+        self.places[scan] = place
+
+    def add_references(self, scans: Iterable[Scan], appearances: Iterable[Appearance]) -> list[int]:
+        """Reference scans, one for each appearance; their ids, which are never given twice."""
+        scans, appearances = list(scans), list(appearances)
+        if len(scans) != len(appearances):
+            raise WorldModelError(
+                f"references: {len(scans)} scans do not fit {len(appearances)} appearances"
+            )
+        for appearance in appearances:
+            self._check_place(f"reference {self.next_reference}", appearance.place)
+        ids = list(range(self.next_reference, self.next_reference + len(scans)))
+        self._scans.update(zip(ids, scans, strict=True))
+        self.appearances.update(zip(ids, appearances, strict=True))
+        self.next_reference += len(ids)
+        return ids
+
+    def remove_references(self, ids: Iterable[int]) -> None:
+        """Forget reference scans. Raises `WorldModelError` for an unknown id, and keeps all."""
+        ids = list(ids)
+        for reference in ids:
+            if reference not in self.appearances:
+                raise WorldModelError(f"reference {reference}: there is none")
+        for reference in ids:
+            self.appearances.pop(reference, None)
+            self._scans.pop(reference, None)
+
+    def add_image(self, appearance: Appearance) -> int:
+        """An image's class seen at a place; its number among the images."""
+        number = max(self.images, default=-1) + 1
+        if appearance.image_class is None:
+            raise WorldModelError(f"image {number}: it has no class")
+        self._check_place(f"image {number}", appearance.place)
+        self.images[number] = appearance
+        return number
+
+    def split_node(
+        self,
+        node: int,
+        T_node_new: np.ndarray,
+        covariance: np.ndarray,
+        moved_arcs: Iterable[int] = (),
+    ) -> int:
+        """A new node at `T_node_new` `(3,)`, with an arc of this `covariance` to the old one.
+
+        The arcs to the neighbours `moved_arcs` then start there. What was seen or placed nearer
+        to the new origin than to the old one belongs to it. Returns its id.
+        """
+        self._check_nodes("node", node)
+        link = Arc(node, max(self.graph) + 1, np.asarray(T_node_new, float), covariance, "driven")
+        _check_arc(link)
+        moved = [(self.arc(node, neighbour), neighbour) for neighbour in moved_arcs]
+        new = self.add_node()
+        for arc, neighbour in moved:
+            self.remove_arc(node, neighbour)
+            T = relative(link.T_a_b, arc.T_a_b)
+            self.add_arc(Arc(new, neighbour, T, arc.covariance, arc.kind))
+        self.add_arc(link)
+
+        def near_new(place: Place) -> Place:
+            if place.node != node:
+                return place
+            T_new_laser = relative(link.T_a_b, place.T_node_laser)
+            nearer = np.hypot(*T_new_laser[:2]) < np.hypot(*place.T_node_laser[:2])
+            return Place(new, T_new_laser) if nearer else place
+
+        self._move(near_new)
+        return new
+
+    def merge_nodes(self, kept: int, gone: int) -> None:
+        """Make two neighbours one node with the frame of `kept`.
+
+        Arcs of `gone` go on from `kept`, except to nodes that `kept` has an arc to already.
+        """
+        link = self.arc(kept, gone)
+        for neighbour in sorted(set(self.graph[gone]) - {kept} - set(self.graph[kept])):
+            arc = self.arc(gone, neighbour)
+            T = compose(link.T_a_b, arc.T_a_b)
+            self.add_arc(Arc(kept, neighbour, T, arc.covariance + link.covariance, arc.kind))
+
+        def into_kept(place: Place) -> Place:
+            if place.node != gone:
+                return place
+            return Place(kept, compose(link.T_a_b, place.T_node_laser))
+
+        self._move(into_kept)
+        self.graph.remove_node(gone)
+
+    def check(self) -> None:
+        """Raise `WorldModelError` unless all parts fit each other."""
+        for a, b, arc in self.graph.edges(data="arc"):
+            if not isinstance(arc, Arc) or {arc.a, arc.b} != {a, b}:
+                raise WorldModelError(f"arc: the edge of {a} and {b} holds another arc, or none")
+            _check_arc(arc)
+        if self._scans.keys() != self.appearances.keys():
+            raise WorldModelError("references: scans and appearances have different ids")
+        if self.appearances and max(self.appearances) >= self.next_reference:
+            raise WorldModelError(f"references: the next id {self.next_reference} is taken")
+        named = [
+            *((f"reference {i}", seen.place) for i, seen in self.appearances.items()),
+            *((f"image {i}", seen.place) for i, seen in self.images.items()),
+            *((f"scan {i}", place) for i, place in self.places.items()),
+        ]
+        for name, place in named:
+            self._check_place(name, place)
+
+    def _move(self, change) -> None:
+        """Put everything that has a place where `change` says."""
+        for seen in (self.appearances, self.images):
+            for key, appearance in seen.items():
+                seen[key] = replace(appearance, place=change(appearance.place))
+        for scan, place in self.places.items():
+            self.places[scan] = change(place)
+
+    def _check_nodes(self, name: str, *nodes: int) -> None:
+        for node in nodes:
+            if node not in self.graph:
+                raise WorldModelError(f"{name}: there is no node {node}")
+
+    def _check_place(self, name: str, place: Place) -> None:
+        self._check_nodes(name, place.node)
+        T = np.asarray(place.T_node_laser)
+        if T.shape != (3,) or not np.all(np.isfinite(T)):
+            raise WorldModelError(f"{name}: {T} is no pose of three finite numbers")
+
+
+def _check_arc(arc: Arc) -> None:
+    name = f"arc {arc.a}-{arc.b}"
+    if arc.a == arc.b:
+        raise WorldModelError(f"{name}: it starts where it ends")
+    if arc.kind not in KINDS:
+        raise WorldModelError(f"{name}: {arc.kind!r} is none of {', '.join(KINDS)}")
+    T, covariance = np.asarray(arc.T_a_b), np.asarray(arc.covariance)
+    if T.shape != (3,) or not np.all(np.isfinite(T)):
+        raise WorldModelError(f"{name}: {T} is no pose of three finite numbers")
+    if covariance.shape != (3, 3) or not np.all(np.isfinite(covariance)):
+        raise WorldModelError(f"{name}: its covariance is not (3, 3) and finite")
+    if not np.allclose(covariance, covariance.T, rtol=1e-6, atol=1e-12):
+        raise WorldModelError(f"{name}: its covariance is not symmetric")
+    if np.linalg.eigvalsh(covariance)[0] < -1e-9:
+        raise WorldModelError(f"{name}: its covariance has a negative eigenvalue")
