@@ -6,7 +6,7 @@ in the node's frame. There is no global frame; `super_space` composes local ones
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import networkx as nx
 import numpy as np
@@ -14,71 +14,8 @@ import numpy as np
 from aprjax.features import FeatureConfig
 from aprjax.references import ReferenceSet
 from aprjax.scan import Scan
-from aprjax.world.plane import compose, inverse, inverse_covariance, relative, wrap
-
-KINDS = ("driven", "closed")
-"""How an arc was found: the robot drove along it, or recognized one end when it came there."""
-
-
-class WorldModelError(ValueError):
-    """An edit that would leave a world model inconsistent. One line: which part, and why."""
-
-
-@dataclass(frozen=True, eq=False)
-class Arc:
-    """A way between two nodes."""
-
-    a: int
-    b: int
-    T_a_b: np.ndarray
-    """`(3,)`: b's frame in a's; metres, radians."""
-    covariance: np.ndarray
-    """`(3, 3)` of `T_a_b`."""
-    kind: str
-    """One of `KINDS`."""
-
-    @property
-    def length(self) -> float:
-        """Metres between the nodes' origins."""
-        return float(np.hypot(self.T_a_b[0], self.T_a_b[1]))
-
-    def seen_from(self, node: int) -> "Arc":
-        """The same arc with `node`, one of its ends, as `a`."""
-        if node == self.a:
-            return self
-        covariance = inverse_covariance(self.T_a_b, self.covariance)
-        return Arc(self.b, self.a, inverse(self.T_a_b), covariance, self.kind)
-
-
-@dataclass(frozen=True, eq=False)
-class Place:
-    """Where in the super space something is: a pose in a node's frame."""
-
-    node: int
-    T_node_laser: np.ndarray
-    """`(3,)` metres, radians."""
-
-
-@dataclass(frozen=True, eq=False)
-class Appearance:
-    """What one sensor saw of a node: a reference scan, or the class of an image."""
-
-    place: Place
-    scan: int | None = None
-    """Number of the scan in the log that the map was built from."""
-    image_class: int | None = None
-    """None for a reference scan."""
-
-
-@dataclass(frozen=True)
-class ArcEnd:
-    """The end of an arc that an appearance belongs to, and the direction of travel there."""
-
-    node: int
-    neighbour: int | None
-    """The arc's other end; None where the node has no arc."""
-    leaving: bool
-    """Whether the sensor looked along the arc, away from the node, or back over it."""
+from aprjax.world.parts import Appearance, Arc, ArcEnd, Place, WorldModelError, check_arc
+from aprjax.world.plane import compose, compose_covariance, relative, wrap
 
 
 class WorldModel:
@@ -183,7 +120,7 @@ class WorldModel:
 
     def add_arc(self, arc: Arc) -> None:
         """An arc between two nodes that have none yet."""
-        _check_arc(arc)
+        check_arc(arc)
         self._check_nodes("arc", arc.a, arc.b)
         if self.graph.has_edge(arc.a, arc.b):
             raise WorldModelError(f"arc: there is one between {arc.a} and {arc.b} already")
@@ -191,7 +128,7 @@ class WorldModel:
 
     def replace_arc(self, arc: Arc) -> None:
         """Another estimate of an arc that is there."""
-        _check_arc(arc)
+        check_arc(arc)
         self.arc(arc.a, arc.b)
         self.graph.edges[arc.a, arc.b]["arc"] = arc
 
@@ -253,13 +190,15 @@ class WorldModel:
         """
         self._check_nodes("node", node)
         link = Arc(node, max(self.graph) + 1, np.asarray(T_node_new, float), covariance, "driven")
-        _check_arc(link)
+        check_arc(link)
         moved = [(self.arc(node, neighbour), neighbour) for neighbour in moved_arcs]
         new = self.add_node()
         for arc, neighbour in moved:
             self.remove_arc(node, neighbour)
-            T = relative(link.T_a_b, arc.T_a_b)
-            self.add_arc(Arc(new, neighbour, T, arc.covariance, arc.kind))
+            back = link.seen_from(new)
+            T = compose(back.T_a_b, arc.T_a_b)
+            both = compose_covariance(back.T_a_b, back.covariance, arc.T_a_b, arc.covariance)
+            self.add_arc(Arc(new, neighbour, T, both, arc.kind))
         self.add_arc(link)
 
         def near_new(place: Place) -> Place:
@@ -281,7 +220,8 @@ class WorldModel:
         for neighbour in sorted(set(self.graph[gone]) - {kept} - set(self.graph[kept])):
             arc = self.arc(gone, neighbour)
             T = compose(link.T_a_b, arc.T_a_b)
-            self.add_arc(Arc(kept, neighbour, T, arc.covariance + link.covariance, arc.kind))
+            both = compose_covariance(link.T_a_b, link.covariance, arc.T_a_b, arc.covariance)
+            self.add_arc(Arc(kept, neighbour, T, both, arc.kind))
 
         def into_kept(place: Place) -> Place:
             if place.node != gone:
@@ -296,7 +236,7 @@ class WorldModel:
         for a, b, arc in self.graph.edges(data="arc"):
             if not isinstance(arc, Arc) or {arc.a, arc.b} != {a, b}:
                 raise WorldModelError(f"arc: the edge of {a} and {b} holds another arc, or none")
-            _check_arc(arc)
+            check_arc(arc)
         if self._scans.keys() != self.appearances.keys():
             raise WorldModelError("references: scans and appearances have different ids")
         if self.appearances and max(self.appearances) >= self.next_reference:
@@ -327,20 +267,3 @@ class WorldModel:
         T = np.asarray(place.T_node_laser)
         if T.shape != (3,) or not np.all(np.isfinite(T)):
             raise WorldModelError(f"{name}: {T} is no pose of three finite numbers")
-
-
-def _check_arc(arc: Arc) -> None:
-    name = f"arc {arc.a}-{arc.b}"
-    if arc.a == arc.b:
-        raise WorldModelError(f"{name}: it starts where it ends")
-    if arc.kind not in KINDS:
-        raise WorldModelError(f"{name}: {arc.kind!r} is none of {', '.join(KINDS)}")
-    T, covariance = np.asarray(arc.T_a_b), np.asarray(arc.covariance)
-    if T.shape != (3,) or not np.all(np.isfinite(T)):
-        raise WorldModelError(f"{name}: {T} is no pose of three finite numbers")
-    if covariance.shape != (3, 3) or not np.all(np.isfinite(covariance)):
-        raise WorldModelError(f"{name}: its covariance is not (3, 3) and finite")
-    if not np.allclose(covariance, covariance.T, rtol=1e-6, atol=1e-12):
-        raise WorldModelError(f"{name}: its covariance is not symmetric")
-    if np.linalg.eigvalsh(covariance)[0] < -1e-9:
-        raise WorldModelError(f"{name}: its covariance has a negative eigenvalue")

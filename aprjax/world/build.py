@@ -1,0 +1,240 @@
+"""A world model from a drive: scans and odometry, and recognition that closes the cycles.
+
+Scan after scan the robot is carried on by its motion. In a part of the map that it knows it is
+followed among the references there; elsewhere it makes new nodes and references, until enough of
+its scans say that it is back at a known place.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+
+from aprjax.configuration import threshold
+from aprjax.features import FeatureConfig
+from aprjax.io.carmen import LogEntry
+from aprjax.references import ReferenceSet
+from aprjax.scan import Scan
+from aprjax.world.arcs import fit_arcs
+from aprjax.world.closure import ClosureConfig, Located, recognize
+from aprjax.world.follow import FollowConfig, Found, follow
+from aprjax.world.model import WorldModel
+from aprjax.world.motion import Motion, MotionConfig, agreeing, doubted, motion
+from aprjax.world.parts import Appearance, Arc, Place
+from aprjax.world.plane import (
+    compose,
+    compose_covariance,
+    distance,
+    inverse,
+    inverse_covariance,
+    relative,
+    spread,
+    turn_spread,
+)
+from aprjax.world.recognition import RecognitionConfig, Sightings, sightings
+from aprjax.world.smoothing import Measurements
+from aprjax.world.super_space import neighbourhood
+
+
+class MapConfig(eqx.Module):
+    """How a map is built, stage by stage."""
+
+    features: FeatureConfig = FeatureConfig()
+    motion: MotionConfig = MotionConfig()
+    recognition: RecognitionConfig = RecognitionConfig()
+    closure: ClosureConfig = ClosureConfig()
+    follow: FollowConfig = FollowConfig()
+    reach: Float[Array, ""] = threshold(3.5, "metres from a node up to which scans belong to it")
+    back: Float[Array, ""] = threshold(
+        0.3, "metres: deviation up to which dead reckoning leads back to an older node"
+    )
+    back_turn: Float[Array, ""] = threshold(np.radians(4), "radians, likewise")
+    gap: Float[Array, ""] = threshold(1.5, "metres between reference scans")
+    turn: Float[Array, ""] = threshold(np.radians(40), "radians between reference scans")
+
+
+def build_map(
+    log: Iterable[LogEntry],
+    config: MapConfig | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> WorldModel:
+    """The world model of a drive, from its scans and its raw odometry alone.
+
+    References and places carry the numbers of the log's scans, from 0. `progress` is told how many
+    more scans have been dealt with; each counts twice. Raises `ValueError` for a log without scans
+    and for a scan without odometry. Scans in which nothing can be seen are placed by odometry.
+    """
+    entries = list(log)
+    if not entries:
+        raise ValueError("log: there is no scan")
+    for number, entry in enumerate(entries):
+        if entry.odometry is None:
+            raise ValueError(f"log: scan {number} has no odometry")
+    odometry = np.array([entry.odometry for entry in entries], float)
+    return build_from_scans([entry.scan for entry in entries], odometry, config, progress)
+
+
+def build_from_scans(
+    scans: Sequence[Scan],
+    odometry: np.ndarray,
+    config: MapConfig | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> WorldModel:
+    """`build_map` from scans and odometry poses `(N, 3)` in metres and radians."""
+    config = MapConfig() if config is None else config
+    described = ReferenceSet.build(scans, config.features)
+    views = described.index.features.view
+    moved = motion(views, odometry, config.motion)
+    seen = sightings(described, moved, config.recognition, progress)
+    mapper = _Mapper(moved, seen, views, config)
+    for scan in range(1, len(scans)):
+        mapper.advance(scan)
+        if progress is not None:
+            progress(1)
+    world = mapper.world
+    measured = Measurements.join([moved.measured, *mapper.links])
+    fit_arcs(world, measured)
+    kept = sorted(mapper.appearances)
+    world.add_references([scans[k] for k in kept], [mapper.appearances[k] for k in kept])
+    world.check()
+    return world
+
+
+class _Mapper:
+    """The map so far, and where in it the robot is."""
+
+    def __init__(self, moved: Motion, seen: Sightings, views, config: MapConfig) -> None:
+        self.world = WorldModel(config.features)
+        self.links: list[Measurements] = []
+        """Scans measured from references of a part that was known."""
+        self.appearances: dict[int, Appearance] = {}
+        """References by their scan's number."""
+        self._moved, self._seen, self._views, self._config = moved, seen, views, config
+        self._by_node: dict[int, list[int]] = {}
+        self._covariance: dict[int, np.ndarray] = {}
+        self._last_known = -1
+        self._place(0, Located(Place(self.world.add_node(0), np.zeros(3)), np.zeros((3, 3))))
+
+    def advance(self, scan: int) -> None:
+        """Place the next scan, in a node that there is or in a new one."""
+        before = self.world.places[scan - 1]
+        expected = Located(before, self._covariance[scan - 1]).moved(
+            self._moved.step(scan - 1, scan), self._moved.covariance[scan]
+        )
+        found = self._follow(scan, expected)
+        if found is None and self._last_known < scan - 1:
+            place = recognize(
+                scan,
+                expected,
+                self._last_known,
+                self._seen,
+                self.world.places,
+                self._moved,
+                self.world,
+                self._config.closure,
+            )
+            if place is not None:
+                found = self._follow(scan, Located(place, np.zeros((3, 3))))
+        if found is None:
+            self._place(scan, self._home(scan, expected, expected, known=False))
+            return
+        self._last_known = scan
+        self.links.append(
+            agreeing(
+                found.references,
+                np.full(len(found.references), scan),
+                found.aligned,
+                self._config.motion,
+            )
+        )
+        self._place(scan, self._home(scan, expected, self._located(found), known=True))
+
+    def _follow(self, scan: int, expected: Located) -> Found | None:
+        return follow(
+            scan,
+            expected,
+            self._by_node,
+            self.world.places,
+            self._seen,
+            self._moved,
+            self._views,
+            self.world,
+            self._config.follow,
+        )
+
+    def _located(self, found: Found) -> Located:
+        """The place that the best of the references found gives."""
+        reference = int(found.references[0])
+        place, T = self.world.places[reference], found.aligned.T_first_second[0]
+        covariance = doubted(
+            found.aligned.covariance[0], found.aligned.agreement[0], self._config.motion
+        )
+        return Located(place, self._covariance[reference]).moved(T, covariance)
+
+    def _home(self, scan: int, expected: Located, located: Located, *, known: bool) -> Located:
+        """The pose in the frame of the node it belongs to; a new node and arcs as they are due."""
+        home = self._nearest(located, known=known)
+        new = home is None
+        if home is None:
+            node = self.world.add_node(scan)
+            home = Located(Place(node, np.zeros(3)), np.zeros((3, 3)))
+        # The robot drove from the node it was at, and recognition knows it in the one it found.
+        self._connect(expected, home, "closed" if known and not new else "driven")
+        if new and known:
+            self._connect(located, home, "closed")
+        return home
+
+    def _nearest(self, located: Located, *, known: bool) -> Located | None:
+        """The pose in a node within reach: its own, or else the nearest around it."""
+        reach = float(self._config.reach)
+        if distance(located.place.T_node_laser) <= reach:
+            return located
+        if not known and (
+            spread(located.covariance) > self._config.back
+            or turn_spread(located.covariance) > self._config.back_turn
+        ):
+            return None
+        best = None
+        for node, link in neighbourhood(self.world, located.place.node, 2).items():
+            T = relative(link.T_start_end, located.place.T_node_laser)
+            if distance(T) <= reach and (best is None or distance(T) < distance(best[1])):
+                best = node, T, link
+        if best is None:
+            return None
+        node, T, link = best
+        back = inverse(link.T_start_end)
+        covariance = compose_covariance(
+            back,
+            inverse_covariance(link.T_start_end, link.covariance),
+            located.place.T_node_laser,
+            located.covariance,
+        )
+        return Located(Place(node, T), covariance)
+
+    def _connect(self, start: Located, end: Located, kind: str) -> None:
+        """An arc between the nodes of one pose given in both, unless there is one."""
+        a, b = start.place.node, end.place.node
+        if a == b or self.world.graph.has_edge(a, b):
+            return
+        T_b_here, T_a_here = end.place.T_node_laser, start.place.T_node_laser
+        back = inverse(T_b_here)
+        T_a_b = compose(T_a_here, back)
+        of_back = inverse_covariance(T_b_here, end.covariance)
+        covariance = compose_covariance(T_a_here, start.covariance, back, of_back)
+        covariance += np.diag(np.square([0.02, 0.02, np.radians(0.3)]))
+        self.world.add_arc(Arc(a, b, T_a_b, 0.5 * (covariance + covariance.T), kind))
+
+    def _place(self, scan: int, located: Located) -> None:
+        """Remember where a scan was taken, and keep it as a reference where it adds something."""
+        self.world.place_scan(scan, located.place)
+        self._covariance[scan] = located.covariance
+        for node, link in neighbourhood(self.world, located.place.node, 2).items():
+            for reference in self._by_node.get(node, ()):
+                T = compose(link.T_start_end, self.world.places[reference].T_node_laser)
+                off = relative(T, located.place.T_node_laser)
+                if distance(off) < self._config.gap and abs(off[2]) < self._config.turn:
+                    return
+        self._by_node.setdefault(located.place.node, []).append(scan)
+        self.appearances[scan] = Appearance(located.place, scan)
