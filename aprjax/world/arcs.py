@@ -30,7 +30,8 @@ def fit_arcs(world: WorldModel, measured: Measurements) -> None:
 def _fit(
     world: WorldModel, arc: Arc, by_node: dict[int, list[int]], measured: Measurements
 ) -> Arc | None:
-    scans = np.array(sorted(by_node[arc.a] + by_node[arc.b]))
+    around = _around(world, arc)
+    scans = np.array(sorted(scan for node in around for scan in by_node[node]))
     frames = [world.graph.nodes[node]["scan"] for node in (arc.a, arc.b)]
     if not all(frame in scans for frame in frames):
         return None
@@ -45,8 +46,7 @@ def _fit(
     start = []
     for scan in scans:
         place = world.places[int(scan)]
-        T = place.T_node_laser
-        start.append(T if place.node == arc.a else compose(arc.T_a_b, T))
+        start.append(compose(around[place.node], place.T_node_laser))
     first, second = (int(np.searchsorted(scans, frame)) for frame in frames)
     poses = smooth(np.array(start), local, first)
     covariance = relative_covariance(poses, local, first, second) + _FLOOR
@@ -56,3 +56,13 @@ def _fit(
     if not held:
         return None
     return Arc(arc.a, arc.b, relative(poses[first], poses[second]), covariance, arc.kind)
+
+
+def _around(world: WorldModel, arc: Arc) -> dict[int, np.ndarray]:
+    """The frames of an arc's nodes and of all their neighbours in that of its first node."""
+    frames = {arc.a: np.zeros(3), arc.b: arc.T_a_b}
+    for node in (arc.a, arc.b):
+        for neighbour in sorted(world.graph[node]):
+            if neighbour not in frames:
+                frames[neighbour] = compose(frames[node], world.arc(node, neighbour).T_a_b)
+    return frames

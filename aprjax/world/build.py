@@ -46,7 +46,9 @@ class MapConfig(eqx.Module):
     recognition: RecognitionConfig = RecognitionConfig()
     closure: ClosureConfig = ClosureConfig()
     follow: FollowConfig = FollowConfig()
-    reach: Float[Array, ""] = threshold(3.5, "metres from a node up to which scans belong to it")
+    reach: Float[Array, ""] = threshold(3.0, "metres from a node up to which scans belong to it")
+    slack: Float[Array, ""] = threshold(1.0, "metres more where the robot is turning")
+    steady: Float[Array, ""] = threshold(np.radians(6), "radians about a scan that are no turning")
     back: Float[Array, ""] = threshold(
         0.3, "metres: deviation up to which dead reckoning leads back to an older node"
     )
@@ -175,7 +177,7 @@ class _Mapper:
 
     def _home(self, scan: int, expected: Located, located: Located, *, known: bool) -> Located:
         """The pose in the frame of the node it belongs to; a new node and arcs as they are due."""
-        home = self._nearest(located, known=known)
+        home = self._nearest(scan, located, known=known)
         new = home is None
         if home is None:
             node = self.world.add_node(scan)
@@ -186,9 +188,11 @@ class _Mapper:
             self._connect(located, home, "closed")
         return home
 
-    def _nearest(self, located: Located, *, known: bool) -> Located | None:
+    def _nearest(self, scan: int, located: Located, *, known: bool) -> Located | None:
         """The pose in a node within reach: its own, or else the nearest around it."""
-        reach = float(self._config.reach)
+        # A scan that was taken while turning is skewed, and makes a poor frame.
+        turning = self._moved.turn(scan) > self._config.steady
+        reach = float(self._config.reach + self._config.slack * turning)
         if distance(located.place.T_node_laser) <= reach:
             return located
         if not known and (

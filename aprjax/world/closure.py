@@ -49,7 +49,7 @@ class ClosureConfig(eqx.Module):
     drift_per_metre: Float[Array, ""] = threshold(0.02, "metres that a metre of the cycle adds")
     drift_turn: Float[Array, ""] = threshold(np.radians(1.5), "radians, likewise")
     drift_turn_per_metre: Float[Array, ""] = threshold(np.radians(0.1), "radians, likewise")
-    deviations: Float[Array, ""] = threshold(3.0, "deviations that a cycle may miss its start by")
+    deviations: Float[Array, ""] = threshold(2.0, "deviations that a cycle may miss its start by")
 
 
 class Located(NamedTuple):

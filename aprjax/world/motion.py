@@ -13,13 +13,14 @@ from jaxtyping import Array, Float
 from aprjax.configuration import threshold
 from aprjax.evaluation.view import View
 from aprjax.world.alignment import AlignConfig, Aligned, align_pairs
-from aprjax.world.plane import compose, distance, relative
+from aprjax.world.plane import compose, distance, relative, wrap
 from aprjax.world.smoothing import Measurements, smooth
 
 _TURNS = np.radians([0, -5, 5, -10, 10, -18, 18])
 _FEW_TURNS = np.radians([0, -6, 6])
 NARROW_TURNS = np.radians([0, -4, 4])
 """Turns of the starts where the relative pose is known from other scans."""
+_ABOUT = 0.4  # metres
 _LAGS = (1.0, 2.0, 3.0)  # metres of way between scans that are aligned besides neighbours
 
 
@@ -59,6 +60,13 @@ class Motion:
     def step(self, first: int, second: int) -> np.ndarray:
         """`T_first_second` `(3,)`."""
         return relative(self.poses[first], self.poses[second])
+
+    def turn(self, scan: int) -> float:
+        """Radians by which the robot turned about a scan: within 0.4 m, one step at least."""
+        way = self.way[scan] + np.array([-_ABOUT, _ABOUT])
+        first, last = np.searchsorted(self.way, way)
+        first, last = max(min(first, scan - 1), 0), min(max(last, scan + 1), len(self.way) - 1)
+        return float(np.abs(wrap(np.diff(self.poses[first : last + 1, 2]))).sum())
 
 
 def motion(views: View, odometry: np.ndarray, config: MotionConfig) -> Motion:
