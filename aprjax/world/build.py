@@ -8,7 +8,6 @@ its scans say that it is back at a known place.
 from collections.abc import Callable, Iterable, Sequence
 
 import equinox as eqx
-import jax
 import numpy as np
 from jaxtyping import Array, Float
 

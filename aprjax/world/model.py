@@ -5,7 +5,7 @@ pose of its ends' frames to each other. What the sensors saw sits at the arcs' e
 in the node's frame. There is no global frame; `super_space` composes local ones along the arcs.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import networkx as nx
@@ -149,13 +149,23 @@ class WorldModel:
             raise WorldModelError(
                 f"references: {len(scans)} scans do not fit {len(appearances)} appearances"
             )
-        for appearance in appearances:
-            self._check_place(f"reference {self.next_reference}", appearance.place)
         ids = list(range(self.next_reference, self.next_reference + len(scans)))
+        self.restore_references(ids, scans, appearances, self.next_reference + len(ids))
+        return ids
+
+    def restore_references(
+        self,
+        ids: Sequence[int],
+        scans: Sequence[Scan],
+        appearances: Sequence[Appearance],
+        next_reference: int,
+    ) -> None:
+        """References under ids that they had before, as a file holds them."""
+        for reference, appearance in zip(ids, appearances, strict=True):
+            self._check_place(f"reference {reference}", appearance.place)
         self._scans.update(zip(ids, scans, strict=True))
         self.appearances.update(zip(ids, appearances, strict=True))
-        self.next_reference += len(ids)
-        return ids
+        self.next_reference = next_reference
 
     def remove_references(self, ids: Iterable[int]) -> None:
         """Forget reference scans. Raises `WorldModelError` for an unknown id, and keeps all."""

@@ -37,7 +37,7 @@ class MotionConfig(eqx.Module):
     agreement: Float[Array, ""] = threshold(0.03, "least agreement of an aligned pair that counts")
     firm: Float[Array, ""] = threshold(0.25, "agreement below which a pair is doubted")
     other_way: Float[Array, ""] = threshold(
-        0.25, "what agreement counts from a start at rest or backwards"
+        0.1, "what agreement counts from a start at rest or backwards"
     )
     floor: Float[Array, ""] = threshold(0.015, "metres: least deviation of an aligned pair")
     turn_floor: Float[Array, ""] = threshold(np.radians(0.25), "radians: the same")
@@ -96,11 +96,13 @@ def motion(views: View, odometry: np.ndarray, config: MotionConfig) -> Motion:
         poses.append(compose(poses[-1], step))
     poses = smooth(np.array(poses), Measurements.join(measured))
 
-    done = set(zip(*pairs, strict=True))
+    done = {(k, k + 1) for k in range(count - 1)}
     for lag in _LAGS:
         way = _way(poses)
         before = np.searchsorted(way, way - lag, side="right") - 1
-        pairs = [(a, b) for b, a in enumerate(before) if a >= 0 and (a, b) not in done and a < b]
+        pairs = [
+            (a, b) for b, a in enumerate(before.tolist()) if a >= 0 and (a, b) not in done and a < b
+        ]
         if not pairs:
             continue
         done.update(pairs)

@@ -79,8 +79,8 @@ def sightings(
             last = len(moved.poses) if ended else int(compared[start + config.batch])
             progress(last - int(batch[0]))
     if not rows:
-        return Sightings(*(np.zeros(0, int),) * 2, np.zeros((0, 3)), np.zeros(0))
-    return Sightings(*(np.concatenate(columns) for columns in zip(*rows, strict=True)))
+        return Sightings(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 3)), np.zeros(0))
+    return Sightings(*map(np.concatenate, zip(*rows, strict=True)))
 
 
 def spaced(poses: np.ndarray, gap: float, turn: float) -> np.ndarray:

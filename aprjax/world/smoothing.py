@@ -57,7 +57,11 @@ def smooth(poses: np.ndarray, measured: Measurements, fixed: int = 0) -> np.ndar
     for _ in range(_STEPS):
         jacobian, off, weight = _linearised(poses, measured)
         weighed = jacobian.multiply(np.repeat(weight, 3)[:, None]).tocsc()
-        step = _solver(jacobian.T @ weighed, fixed).solve(-(weighed.T @ off)).reshape(-1, 3)
+        step = (
+            _solver(jacobian.T @ weighed, fixed, poses.size)
+            .solve(-(weighed.T @ off))
+            .reshape(-1, 3)
+        )
         poses += step
         poses[:, 2] = wrap(poses[:, 2])
         if np.abs(step).max() < _CONVERGED:
@@ -71,9 +75,11 @@ def relative_covariance(
     """`(3, 3)`: how well the measurements hold pose `second` in the frame of pose `first`."""
     jacobian, _, weight = _linearised(poses, measured)
     weighed = jacobian.multiply(np.repeat(weight, 3)[:, None]).tocsc()
-    unit = np.zeros((jacobian.shape[1], 3))
+    unit = np.zeros((poses.size, 3))
     unit[3 * second + np.arange(3), np.arange(3)] = 1.0
-    covariance = _solver(jacobian.T @ weighed, first).solve(unit)[3 * second : 3 * second + 3]
+    covariance = _solver(jacobian.T @ weighed, first, poses.size).solve(unit)[
+        3 * second : 3 * second + 3
+    ]
     cos, sin = np.cos(poses[first, 2]), np.sin(poses[first, 2])
     turned = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
     covariance = turned @ covariance @ turned.T
@@ -108,9 +114,8 @@ def _linearised(poses: np.ndarray, measured: Measurements):
     return jacobian, off.ravel(), weight
 
 
-def _solver(information: csc_matrix, fixed: int):
+def _solver(information: csc_matrix, fixed: int, size: int):
     """The factors of the normal equations, with one pose held in its place."""
-    size = information.shape[0]
     hold = 3 * fixed + np.arange(3)
     pin = csc_matrix((np.full(3, 1e8), (hold, hold)), shape=(size, size))
     # Poses that nothing measures stay where they are.
