@@ -37,7 +37,7 @@ class MotionConfig(eqx.Module):
     agreement: Float[Array, ""] = threshold(0.03, "least agreement of an aligned pair that counts")
     firm: Float[Array, ""] = threshold(0.25, "agreement below which a pair is doubted")
     other_way: Float[Array, ""] = threshold(
-        0.1, "what agreement counts from a start at rest or backwards"
+        0.25, "what agreement counts from a start at rest or backwards"
     )
     floor: Float[Array, ""] = threshold(0.015, "metres: least deviation of an aligned pair")
     turn_floor: Float[Array, ""] = threshold(np.radians(0.25), "radians: the same")

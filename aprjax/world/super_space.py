@@ -6,6 +6,7 @@ difference is the residual of the cycle they form, and where it is large the map
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import networkx as nx
 import numpy as np
@@ -70,12 +71,13 @@ def connections(world: WorldModel, start: int, reach: float = np.inf) -> dict[in
     """
     if start not in world.graph:
         raise WorldModelError(f"node {start}: there is none")
-    _, paths = nx.single_source_dijkstra(world.graph, start, weight=_uncertainty)
+    search: Any = nx.single_source_dijkstra
+    distances, paths = search(world.graph, start, weight=_uncertainty)
     found = {start: Connection(np.zeros(3), np.zeros((3, 3)), (start,), 0.0)}
-    # Dijkstra lists nodes in the order in which it settles them, predecessors first.
-    for node, path in paths.items():
-        if node != start and path[-2] in found:
-            connection = found[path[-2]].then(world, node)
+    # Distances are listed as nodes are settled, predecessors first; paths are not.
+    for node in distances:
+        if node != start and paths[node][-2] in found:
+            connection = found[paths[node][-2]].then(world, node)
             if connection.length <= reach:
                 found[node] = connection
     return found
@@ -116,7 +118,9 @@ def between(world: WorldModel, one: Place, other: Place) -> tuple[np.ndarray, np
 def cycles(world: WorldModel) -> list[Cycle]:
     """The residuals of a basis of independent cycles, shortest cycles first."""
     found = []
-    for nodes in nx.minimum_cycle_basis(world.graph, weight=_length):
+    plain: Any = nx.Graph()
+    plain.add_weighted_edges_from((arc.a, arc.b, arc.length) for arc in world.arcs())
+    for nodes in nx.minimum_cycle_basis(plain, weight="weight"):
         ordered = _in_order(world.graph, nodes)
         way = Connection(np.zeros(3), np.zeros((3, 3)), (ordered[0],), 0.0)
         for node in (*ordered[1:], ordered[0]):
@@ -149,10 +153,6 @@ def largest_gap(cycles_: list[Cycle]) -> float:
 def _uncertainty(a: int, b: int, attributes: dict) -> float:
     arc = attributes["arc"]
     return spread(arc.covariance) + _TURN * turn_spread(arc.covariance) + 1e-6
-
-
-def _length(a: int, b: int, attributes: dict) -> float:
-    return attributes["arc"].length
 
 
 def _in_order(graph: nx.Graph, nodes: list[int]) -> tuple[int, ...]:

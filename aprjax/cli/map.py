@@ -1,0 +1,237 @@
+"""`aprjax map`: build a world model from a log, draw it, plan in it, describe and export it."""
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from aprjax.cli.errors import CommandError
+from aprjax.cli.inputs import warn_of_damage
+from aprjax.cli.outputs import check_output
+from aprjax.cli.progress import Progress
+from aprjax.io.atomic import atomic_write
+from aprjax.io.carmen import LogError, read_log
+from aprjax.plot.world import draw_world
+from aprjax.world import export
+from aprjax.world.build import build_map
+from aprjax.world.model import WorldModel
+from aprjax.world.parts import WorldModelError
+from aprjax.world.plane import distance
+from aprjax.world.planning import PlanError, plan
+from aprjax.world.relax import relax
+from aprjax.world.store import MapFileError, load_map, save_map
+from aprjax.world.super_space import assemble, cycles, largest_gap, residuals
+
+_DPI = 130
+_FORMATS = ("score", "node-link", "graphml", "g2o")
+_BY_SUFFIX = {".json": "score", ".graphml": "graphml", ".g2o": "g2o"}
+_LISTED = 5  # cycles that are spelled out
+
+
+def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add the subcommand to those of the parser."""
+    parser = commands.add_parser(
+        "map",
+        help="build, draw, plan in and export a map",
+        description="The hybrid world model: places with local frames, and arcs between them.",
+    )
+    inner = parser.add_subparsers(title="map commands", required=True, metavar="COMMAND")
+
+    build = inner.add_parser(
+        "build",
+        help="build a map from a log",
+        description="Build a map from a log's scans and raw odometry; recognition closes cycles.",
+    )
+    build.add_argument("log", type=Path, metavar="LOG", help="a log with odometry")
+    build.add_argument("--out", type=Path, required=True, metavar="MAP", help="the map to write")
+    build.add_argument(
+        "--strict", action="store_true", help="stop at a damaged line instead of skipping it"
+    )
+    build.set_defaults(run=_build)
+
+    show = inner.add_parser("show", help="draw a map", description="Draw a map as a picture.")
+    _add_map(show)
+    show.add_argument("--out", type=Path, required=True, metavar="F.png", help="PNG to write")
+    _add_frame(show)
+    show.add_argument("--no-scans", action="store_true", help="do not draw the reference scans")
+    show.set_defaults(run=_show)
+
+    path = inner.add_parser(
+        "path", help="plan a way", description="Print the shortest way between two nodes."
+    )
+    _add_map(path)
+    path.add_argument("start", type=int, metavar="A", help="node to start from")
+    path.add_argument("goal", type=int, metavar="B", help="node to go to")
+    path.set_defaults(run=_path)
+
+    info = inner.add_parser(
+        "info", help="describe a map", description="Say what a map holds and where it is torn."
+    )
+    _add_map(info)
+    info.add_argument("--json", action="store_true", help="print one JSON object")
+    info.set_defaults(run=_info)
+
+    exporting = inner.add_parser(
+        "export",
+        help="write a map for other programs",
+        description="Write the graph and the place of every scan as JSON (score), the graph as "
+        "node-link JSON or GraphML, or its poses as g2o.",
+    )
+    _add_map(exporting)
+    exporting.add_argument("--out", type=Path, required=True, metavar="F", help="file to write")
+    exporting.add_argument(
+        "--format", choices=_FORMATS, help="default: by the file's suffix, .json .graphml .g2o"
+    )
+    _add_frame(exporting)
+    exporting.set_defaults(run=_export)
+
+
+def _add_map(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("map", type=Path, metavar="MAP", help="a map that `map build` wrote")
+
+
+def _add_frame(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--relaxed",
+        action="store_true",
+        help="spread the contradictions of the cycles over the arcs",
+    )
+    parser.add_argument(
+        "--root",
+        type=int,
+        metavar="NODE",
+        help="node whose frame the others are assembled into (default: the first)",
+    )
+
+
+def _build(arguments: argparse.Namespace) -> None:
+    check_output(arguments.out, arguments.log)
+    try:
+        log = read_log(arguments.log, strict=arguments.strict)
+        entries = list(log)
+    except LogError as error:
+        raise CommandError(str(error)) from None
+    if any(entry.odometry is None for entry in entries):
+        raise CommandError(f"{arguments.log}: there is no odometry, so no map can be built")
+    warn_of_damage(arguments.log, log.report)
+    start = time.monotonic()
+    with Progress("building", 2 * len(entries)) as progress:
+        world = build_map(entries, progress=progress.advance)
+    save_map(world, arguments.out)
+    found = cycles(world)
+    print(
+        f"{len(entries)} scans: {len(world.nodes)} nodes, {world.graph.number_of_edges()} arcs, "
+        f"{len(world.appearances)} references, {len(found)} cycles of which the worst misses its "
+        f"start by {largest_gap(found):.2f} m; {time.monotonic() - start:.1f} s",
+        file=sys.stderr,
+    )
+
+
+def _show(arguments: argparse.Namespace) -> None:
+    check_output(arguments.out, arguments.map)
+    world = _load(arguments.map)
+    figure = draw_world(world, _frame(world, arguments), scans=not arguments.no_scans)
+    with atomic_write(arguments.out, "wb") as file:
+        figure.savefig(file, format="png", dpi=_DPI)
+
+
+def _path(arguments: argparse.Namespace) -> None:
+    world = _load(arguments.map)
+    try:
+        way = plan(world, arguments.start, arguments.goal)
+    except PlanError as error:
+        raise CommandError(f"{arguments.map}: {error}") from None
+    print("from,to,length_m,turn_deg,kind")
+    for leg in way.legs:
+        turn = np.degrees(leg.turn)
+        print(f"{leg.start},{leg.end},{leg.length:.3f},{turn:.1f},{leg.kind}")
+    print(f"{len(way.legs)} arcs, {way.length:.2f} m", file=sys.stderr)
+
+
+def _info(arguments: argparse.Namespace) -> None:
+    facts = _facts(_load(arguments.map))
+    if arguments.json:
+        print(json.dumps(facts, indent=2))
+        return
+    for key, value in facts.items():
+        if key != "worst_cycles":
+            print(f"{key.replace('_', ' ')}: {value}")
+    for cycle in facts["worst_cycles"]:
+        print(
+            f"cycle {'-'.join(map(str, cycle['nodes']))}: {cycle['length_m']} m, misses its start "
+            f"by {cycle['gap_m']} m and {cycle['gap_deg']}°{', torn' if cycle['torn'] else ''}"
+        )
+
+
+def _facts(world: WorldModel) -> dict[str, Any]:
+    found = sorted(cycles(world), key=lambda cycle: -float(distance(cycle.T_residual)))
+    arcs = list(world.arcs())
+    assembled, relaxed = (residuals(world, frame) for frame in (assemble(world), relax(world)))
+    return {
+        "nodes": len(world.nodes),
+        "arcs": len(arcs),
+        "arcs_closed": sum(arc.kind == "closed" for arc in arcs),
+        "length_m": round(sum(arc.length for arc in arcs), 1),
+        "references": len(world.appearances),
+        "image_classes": len({image.image_class for image in world.images.values()}),
+        "scans_placed": len(world.places),
+        "cycles": len(found),
+        "cycles_torn": sum(cycle.torn for cycle in found),
+        "worst_arc_assembled_m": _worst(assembled),
+        "worst_arc_relaxed_m": _worst(relaxed),
+        "worst_cycles": [
+            {
+                "nodes": list(cycle.nodes),
+                "length_m": round(cycle.length, 1),
+                "gap_m": round(float(distance(cycle.T_residual)), 3),
+                "gap_deg": round(float(np.degrees(abs(cycle.T_residual[2]))), 2),
+                "torn": cycle.torn,
+            }
+            for cycle in found[:_LISTED]
+        ],
+    }
+
+
+def _worst(off: np.ndarray) -> float:
+    """Metres by which the worst arc does not fit a frame."""
+    return round(float(distance(off).max()), 3) if len(off) else 0.0
+
+
+def _export(arguments: argparse.Namespace) -> None:
+    chosen = arguments.format or _BY_SUFFIX.get(arguments.out.suffix)
+    if chosen is None:
+        raise CommandError(f"{arguments.out}: say --format, one of {', '.join(_FORMATS)}")
+    check_output(arguments.out, arguments.map)
+    world = _load(arguments.map)
+    try:
+        if chosen == "g2o":
+            text = export.g2o(world, _frame(world, arguments))
+        else:
+            writers = {
+                "score": export.score_json,
+                "node-link": export.node_link_json,
+                "graphml": export.graphml,
+            }
+            text = writers[chosen](world)
+    except WorldModelError as error:
+        raise CommandError(f"{arguments.map}: {error}") from None
+    with atomic_write(arguments.out) as file:
+        file.write(text)
+
+
+def _frame(world: WorldModel, arguments: argparse.Namespace) -> dict[int, np.ndarray]:
+    try:
+        return (relax if arguments.relaxed else assemble)(world, arguments.root)
+    except WorldModelError as error:
+        raise CommandError(f"{arguments.map}: {error}") from None
+
+
+def _load(path: Path) -> WorldModel:
+    try:
+        return load_map(path)
+    except MapFileError as error:
+        raise CommandError(str(error)) from None
