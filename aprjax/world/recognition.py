@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from aprjax.configuration import capacity, threshold
 from aprjax.matcher import MatchConfig, match_batch
-from aprjax.references import ReferenceIndex, ReferenceSet
+from aprjax.references import ReferenceSet
 from aprjax.world.motion import Motion
 from aprjax.world.plane import distance, wrap
 
@@ -98,7 +98,7 @@ def _before(references: ReferenceSet, number: int) -> ReferenceSet:
     index = references.index
     ids = np.asarray(index.ids)
     hidden = jnp.asarray(np.where(ids < number, ids, -1))
-    return replace(references, index=ReferenceIndex(index.features, hidden, index.config))
+    return replace(references, index=eqx.tree_at(lambda i: i.ids, index, hidden))
 
 
 def _answers(
