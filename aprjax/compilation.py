@@ -7,6 +7,7 @@ from pathlib import Path
 
 import jax
 import numpy as np
+from jax.experimental.compilation_cache import compilation_cache
 
 from aprjax.matcher import MatchConfig, match_batch
 from aprjax.references import ReferenceSet
@@ -22,9 +23,9 @@ def warm_up(
     """Compile what matching these references will need, so that no later call has to.
 
     `beams` is the number of beams of the queries, `batches` the numbers of queries in a call; 1
-    is `match`. References that are added later need another compilation only where their number
-    leaves the bucket (see `numerics.bucket`), thresholds never. Raises `ValueError` for numbers
-    that are not positive and for no references.
+    is `match`. Matching after references were added needs another compilation only where their
+    number leaves the bucket (see `numerics.bucket`), and other thresholds never do. Raises
+    `ValueError` for numbers that are not positive and for no references.
     """
     for name, values in (("beams", [beams]), ("batches", batches := list(batches))):
         for index, value in enumerate(values):
@@ -43,18 +44,21 @@ def cache_compilations(folder: str | os.PathLike[str] | None = None) -> Path:
     This is a setting of the whole process: it makes JAX's persistent compilation cache take
     small and quick compilations too. `folder` is made, for the user alone, if it does not
     exist; by default it is `aprjax` in `$XDG_CACHE_HOME`, else in `~/.cache`. Cached programs are
-    executed, so a folder that others can write to is refused with a `PermissionError`. Nothing
-    is ever deleted from it; it may be removed at any time.
+    executed, so a folder of another user, or that others can write to, is refused with a
+    `PermissionError`. Nothing is ever deleted from it; it may be removed at any time.
     """
     if folder is None:
-        root = os.environ.get("XDG_CACHE_HOME")
-        folder = (Path(root) if root else Path.home() / ".cache") / "aprjax"
-    path = Path(folder)
+        folder = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache") / "aprjax"
+    path = Path(folder).expanduser().absolute()
     path.mkdir(mode=0o700, parents=True, exist_ok=True)
-    found = path.stat()
-    strange = hasattr(os, "getuid") and found.st_uid != os.getuid()
-    if strange or found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-        raise PermissionError(f"{path}: others can write to it; cached programs are executed")
+    if hasattr(os, "getuid"):  # Windows has neither owners nor modes of this kind
+        found = path.stat()
+        if found.st_uid != os.getuid():
+            raise PermissionError(f"{path}: it is another user's; cached programs are executed")
+        if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+            raise PermissionError(f"{path}: others can write to it; cached programs are executed")
+    # JAX goes on with the folder that it has begun to use, unless it is told to forget it.
+    compilation_cache.reset_cache()
     jax.config.update("jax_compilation_cache_dir", str(path))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)

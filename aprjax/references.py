@@ -63,6 +63,7 @@ class ReferenceSet:
         cls,
         scans: Sequence[Scan] | Scan,
         config: FeatureConfig | None = None,
+        *,
         T_world_ref: np.ndarray | None = None,
     ) -> Self:
         """The set of these scans, with ids 0, 1, …
@@ -70,8 +71,8 @@ class ReferenceSet:
         `scans` is a list or a stacked `Scan` `(references, slots)`. A scan without anchors is
         kept and never matched. `T_world_ref` `(references, 3)`, metres and radians, are the poses
         of the lasers in one frame, for a user who has a metric map; they are not needed. Matching
-        uses them to tell whether two answers mean the same place, and for nothing else. A row of
-        NaN is a pose that is not known. Raises `ValueError` if there is no scan, and for poses of
+        uses them to tell whether two answers mean the same place, and for nothing else. A row with
+        a NaN is a pose that is not known. Raises `ValueError` if there is no scan, and for poses of
         another shape or that are infinite.
         """
         stacked = scans if isinstance(scans, Scan) else Scan.stack(scans)
@@ -112,7 +113,7 @@ class ReferenceSet:
     def __len__(self) -> int:
         return len(self.ids)
 
-    def add(self, scans: Sequence[Scan] | Scan, T_world_ref: np.ndarray | None = None) -> Self:
+    def add(self, scans: Sequence[Scan] | Scan, *, T_world_ref: np.ndarray | None = None) -> Self:
         """The set with these scans added under the next ids; only they are described anew.
 
         `T_world_ref` as in `build`, for the added scans.
@@ -186,8 +187,8 @@ def _joined(first, second):
 def _poses(T_world_ref: np.ndarray | None, count: int) -> np.ndarray:
     """Checked poses `(count, 3)`, NaN where none are given."""
     if T_world_ref is None:
-        return np.full((count, 3), np.nan, np.float32)
-    poses = np.asarray(T_world_ref, np.float32)
+        return np.full((count, 3), np.nan)
+    poses = np.array(T_world_ref, float)
     if poses.shape != (count, 3):
         raise ValueError(f"T_world_ref: shape {poses.shape} is not ({count}, 3)")
     infinite = np.flatnonzero(np.isinf(poses).any(axis=1))
@@ -214,5 +215,8 @@ def _index(
         pad(np.asarray(features.view.angle_increment), fill=1),
     )
     known = np.all(np.isfinite(T_world_ref), axis=1)
-    placement = Placement(pad(np.where(known[:, None], T_world_ref, 0.0)), pad(known))
+    # Only differences matter, and float32 is too coarse for coordinates far from their origin.
+    middle = np.append(T_world_ref[known, :2].mean(axis=0) if known.any() else np.zeros(2), 0.0)
+    poses = np.where(known[:, None], T_world_ref - middle, 0.0).astype(np.float32)
+    placement = Placement(pad(poses), pad(known))
     return ReferenceIndex(padded, pad(ids, fill=-1), placement, config)

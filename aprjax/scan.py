@@ -53,7 +53,8 @@ class Scan(eqx.Module):
         Raises `ValueError` naming the field and its value if the ranges are not one-dimensional
         and non-empty, if an angle or limit is not finite, if the increment is zero or the beams
         cover more than a full turn, or unless `0 <= range_min < range_max`. No range value is
-        refused: what is not a hit and not +inf is invalid.
+        refused: what is not a hit and not +inf is invalid. A last beam that looks where the first
+        one does is left out.
         """
         given = np.asarray(ranges)
         with np.errstate(over="ignore"):
@@ -70,11 +71,13 @@ class Scan(eqx.Module):
         ):
             if not abs(value) <= np.finfo(np.float32).max:
                 raise ValueError(f"{name}: {value} is not finite in float32")
-        # One beam may repeat: some drivers report both ends of the turn.
+        # Some drivers report both ends of a turn: the last beam is the first one again.
         if angle_increment == 0 or abs(angle_increment) * (values.size - 1) > 2 * np.pi * 1.001:
             raise ValueError(
                 f"angle_increment: {angle_increment} rad is zero, or {values.size} beams pass 360°"
             )
+        if abs(angle_increment) * (values.size - 0.5) > 2 * np.pi:
+            values = values[:-1]
         if not 0 <= range_min < range_max:
             raise ValueError(
                 f"range_min: {range_min} m is negative or not below range_max {range_max} m"

@@ -157,7 +157,7 @@ def missed(outcome: Outcome) -> dict:
         lost = losses(queries, outcome.references, split.T_world_ref, split.T_world_query[miss])
         counts = np.bincount(lost, minlength=len(Loss))
     mapped = int(split.mapped.sum())
-    hits = round(answers.accepted(0.002, free=1) * mapped)
+    hits = round(answers.accepted(0.002, free=1) * mapped) if mapped else 0
     return {
         "split": split.name,
         "mapped": mapped,
@@ -217,7 +217,7 @@ def main() -> int:
     rows: list[dict] = []
     everything: list[Outcome] = []
     for choice, top_k in CHOICES.items():
-        everything = [matched(split, top_k) for split in splits]
+        everything = [matched(split, top_k) for split in splits]  # the last choice is all
         of_choice = table(choice, everything)
         print_table(of_choice)
         rows += of_choice

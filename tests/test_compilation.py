@@ -1,8 +1,10 @@
 import stat
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.experimental.compilation_cache import compilation_cache
 
 from aprjax import matcher
 from aprjax.compilation import cache_compilations, warm_up
@@ -20,6 +22,7 @@ SETTINGS = (
 def settings_restored():
     before = {name: getattr(jax.config, name) for name in SETTINGS}
     yield
+    compilation_cache.reset_cache()
     for name, value in before.items():
         jax.config.update(name, value)
 
@@ -48,7 +51,20 @@ def test_the_cache_is_the_users_alone_and_takes_small_programs(tmp_path, monkeyp
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
     assert jax.config.jax_compilation_cache_dir == str(folder)
     assert jax.config.jax_persistent_cache_min_compile_time_secs == 0
-    assert cache_compilations(tmp_path / "other").is_dir()
+
+
+@pytest.mark.usefixtures("settings_restored")
+def test_programs_land_in_the_folder_named_last(tmp_path):
+    for name in ("first", "second"):
+        cache_compilations(tmp_path / name)
+        jax.jit(lambda x: jnp.sin(x) * len(name))(jnp.ones(3))  # noqa: B023
+        assert list((tmp_path / name).iterdir())
+
+
+@pytest.mark.usefixtures("settings_restored")
+def test_the_home_folder_may_be_a_tilde(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert cache_compilations("~/compiled") == tmp_path / "compiled"
 
 
 @pytest.mark.usefixtures("settings_restored")

@@ -138,9 +138,9 @@ def test_a_bad_argument_is_refused_by_name_and_value(changes, field, value):
     assert value in str(error.value)
 
 
-def test_a_full_turn_with_both_ends_is_accepted():
+def test_of_a_full_turn_with_both_ends_the_last_beam_is_left_out():
     for beams, degrees in ((361, 1.0), (361, -1.0), (1441, 0.25)):
-        assert make(np.ones(beams), angle_increment=np.radians(degrees)).beams == beams
+        assert make(np.ones(beams), angle_increment=np.radians(degrees)).beams == beams - 1
 
 
 def test_ranges_may_be_lists_and_integers():

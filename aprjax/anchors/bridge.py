@@ -14,13 +14,14 @@ from aprjax.scan import Scan
 
 
 def bridge(
-    scan: Scan, beams: Float[Array, ""], gap: Float[Array, ""], spacing: Float[Array, ""]
+    scan: Scan, angle: Float[Array, ""], gap: Float[Array, ""], spacing: Float[Array, ""]
 ) -> Scan:
     """The scan with the readings filled in that a surface is short of.
 
-    At most `beams` invalid neighbours get the ranges of the straight line between the hits on both
-    sides, r and r', if these lie no farther apart than `gap` and `spacing` min(r, r') for each
-    step from one to the other.
+    Invalid beams between two hits at most `angle` radians apart get the ranges of the straight
+    line between these, if they lie as close to each other as neighbouring hits on one surface
+    must: `gap` + `spacing` min(r, r'). However many beams are missing, it allows no more, for
+    readings are often missing at the edges of surfaces.
     """
     slots = scan.ranges.shape[-1]
     index = jnp.arange(slots)
@@ -33,11 +34,10 @@ def bridge(
     after = jnp.where(after >= slots, after[0] + turn, after)
 
     near, far = scan.ranges[before % turn], scan.ranges[after % turn]  # infinite: not close
-    steps = (after - before).astype(jnp.float32)
-    between = steps * scan.angle_increment
+    between = (after - before).astype(jnp.float32) * scan.angle_increment
     apart = jnp.sqrt((far - near) ** 2 + 4.0 * near * far * jnp.sin(between / 2) ** 2)
-    close = apart <= gap + spacing * steps * jnp.minimum(near, far)
-    missing = scan.real & ~known & (steps - 1.0 <= beams) & close
+    close = apart <= gap + spacing * jnp.minimum(near, far)
+    missing = scan.real & ~known & (jnp.abs(between) <= angle) & close
 
     # Polar equation of a line through both: 1/r = A cos φ + B sin φ.
     from_near = (index - before).astype(jnp.float32) * scan.angle_increment

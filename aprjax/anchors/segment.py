@@ -22,7 +22,9 @@ class SegmentConfig(eqx.Module):
     incidence: Float[Array, ""] = threshold(
         0.14, "radians: shallowest angle between beam and surface at which it stays connected"
     )
-    bridge: Float[Array, ""] = threshold(3.0, "invalid beams that a surface may run on across")
+    bridge: Float[Array, ""] = threshold(
+        0.075, "radians between two hits that a surface may run on across"
+    )
     min_extent: Float[Array, ""] = threshold(0.2, "metres from its first to its farthest point")
     min_beams: Float[Array, ""] = threshold(3, "hits in a large part")
 
@@ -40,6 +42,7 @@ class Segments(eqx.Module):
     range: Float[Array, " slots"]
     """Metres; infinite for no return, zero where nothing is known."""
     hit: Bool[Array, " slots"]
+    """Beams that ended on a surface, and those that `bridge` filled in."""
     before: Int[Array, " slots"]
     """How many beams of the same part precede."""
     after: Int[Array, " slots"]

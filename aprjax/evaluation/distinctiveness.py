@@ -5,6 +5,9 @@ a query say how the references behind them lie to each other. If both are right,
 then see the same surroundings; if their scans contradict each other there, one of the two is
 wrong, and neither is as certain as its own e_m says. No pose of a reference is needed; where both
 references have one, geometry decides instead, and tells apart even places that look the same.
+
+Nothing is kept between queries: `rivals` alternatives are compared with the best one, two synthetic
+scans each, however many references there are.
 """
 
 import equinox as eqx
@@ -27,7 +30,7 @@ class DistinctivenessConfig(eqx.Module):
         0.25, "share of contradicting beams from which two references show different places"
     )
     harmony: Float[Array, ""] = threshold(0.15, "share up to which they show the same place")
-    distance: Float[Array, ""] = threshold(0.4, "metres between distinct poses in one reference")
+    distance: Float[Array, ""] = threshold(0.4, "metres between distinct poses in one frame")
     angle: Float[Array, ""] = threshold(0.2, "radians, likewise")
     equal: Float[Array, ""] = threshold(0.9, "share of the best e_m at which a rival is its equal")
     rivals: int = capacity(16, "alternatives, best first, that are compared with the best")
@@ -37,7 +40,7 @@ class Placement(eqx.Module):
     """Where references were taken, as far as that is known."""
 
     T_world_ref: Float[Array, "rows 3"]
-    """Poses in one frame; zero where not known."""
+    """Poses in one frame, its origin in their middle; zero where not known."""
     known: Bool[Array, " rows"]
 
 

@@ -90,15 +90,17 @@ class Scanner(eqx.Module):
 
 
 def view(scan: Scan, segments: Segments, surface: Surface, config: ViewConfig) -> View:
-    """The view of one segmented scan."""
+    """The view of one segmented scan: what was measured, and nothing that was filled in."""
+    hit = segments.hit & scan.hit[segments.beam]
+    range_ = jnp.where(jnp.isinf(segments.range), scan.range_max, segments.range)
     through = surface.through
-    smooth = segments.hit & (through.count >= 4) & (through.rms <= config.max_rms)
+    smooth = hit & (through.count >= 4) & (through.rms <= config.max_rms)
     normal = jnp.stack([-jnp.sin(through.direction), jnp.cos(through.direction)], axis=-1)
     return View(
-        xy=segments.xy,
-        range=jnp.where(jnp.isinf(segments.range), scan.range_max, segments.range),
-        hit=segments.hit,
-        linked=segments.hit & (segments.after > 0),
+        xy=jnp.where(hit[:, None], segments.xy, 0.0),
+        range=jnp.where(segments.hit & ~hit, 0.0, range_),
+        hit=hit,
+        linked=hit & (segments.after > 0) & jnp.roll(hit, -1),
         normal=jnp.where(smooth[:, None], normal, 0.0),
         angle_min=segments.angle_min,
         angle_increment=segments.angle_increment,

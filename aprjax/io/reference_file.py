@@ -44,7 +44,7 @@ def save_references(references: ReferenceSet, path: str | os.PathLike[str]) -> N
         "version": np.int64(VERSION),
         "ids": np.asarray(references.ids, np.int32),
         "next_id": np.int64(references.next_id),
-        "T_world_ref": np.asarray(references.T_world_ref, np.float32),
+        "T_world_ref": np.asarray(references.T_world_ref, np.float64),
         "ranges": np.asarray(scans.ranges, np.float32),
         "features": np.array(json.dumps(to_dict(references.index.config))),
     }
@@ -80,6 +80,6 @@ def looks_like_references(path: str | os.PathLike[str]) -> bool:
 
 def _poses(arrays: Archive, count: int) -> np.ndarray:
     """The references' poses, NaN where not known."""
-    poses = arrays.get("T_world_ref", (count, 3), np.float32)
+    poses = arrays.get("T_world_ref", (count, 3), np.float64)
     check_all(~np.any(np.isinf(poses), axis=1), "T_world_ref[{}] is infinite")
     return poses

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from aprjax.anchors.segment import SegmentConfig
+from aprjax.references import ReferenceSet
+from aprjax.scan import Scan
 from tests.anchors.shapes import polyline, rebuilt, room, turn_at
 from tests.oracles import anchors as oracle
 from tests.worlds import free_pose, office, scan_at
@@ -39,8 +41,8 @@ def test_filled_readings_equal_the_oracle(extraction, seed):
 
 
 def test_a_wall_with_missing_readings_is_the_same_wall(extraction):
-    wall = scan_at(polyline((2, -3), (2.5, 3)), np.zeros(3), beams=91)
-    holes = without(wall, [30, 40, 41, 50, 51, 52])
+    wall = scan_at(polyline((2, -3), (2.5, 3)), np.zeros(3), beams=181)
+    holes = without(wall, [60, 80, 81, 100, 101, 102])
     np.testing.assert_allclose(points(extraction, holes), points(extraction, wall), atol=1e-4)
 
 
@@ -52,15 +54,33 @@ def test_readings_are_filled_across_the_seam_of_a_full_turn(extraction):
 
 @pytest.mark.parametrize(
     ("beams", "reading"),
-    [([40, 41, 42, 43], np.nan), ([40], np.inf), ([40, 41], [np.nan, np.inf]), ([0, 90], np.nan)],
+    [([80, 81, 82, 83], np.nan), ([80], np.inf), ([80, 81], [np.nan, np.inf]), ([0, 180], np.nan)],
     ids=["a longer gap", "a free beam", "a free beam beside an invalid one", "the ends"],
 )
 def test_other_gaps_stay(extraction, beams, reading):
-    wall = scan_at(polyline((2, -3), (2.5, 3)), np.zeros(3), beams=91)
+    wall = scan_at(polyline((2, -3), (2.5, 3)), np.zeros(3), beams=181)
     assert not points(extraction, without(wall, beams, reading))[beams].any()
 
 
 def test_nothing_is_filled_between_two_surfaces(extraction):
-    world = np.concatenate([polyline((2, -3), (2, 0)), polyline((7, 0), (7, 3))])
-    scan = without(scan_at(world, np.zeros(3), beams=91), [45])
-    assert not points(extraction, scan)[45].any()
+    world = np.concatenate([polyline((2, -3), (2, 0)), polyline((3, 0), (3, 3))])
+    scan = without(scan_at(world, np.zeros(3), beams=181), [90])
+    assert not points(extraction, scan)[90].any()
+
+
+@pytest.mark.parametrize(
+    ("ranges", "degrees"), [([np.nan, np.nan, 1.0, np.nan], 90), ([1.0, np.nan, np.nan, 1.0], 30)]
+)
+def test_nothing_is_filled_between_beams_far_apart(extraction, ranges, degrees):
+    scan = Scan.make(ranges, angle_min=0.0, angle_increment=np.radians(degrees), range_max=30.0)
+    segments = extraction(scan).segments
+    assert segments.hit.sum() == np.isfinite(ranges).sum()
+    assert not np.isinf(segments.range[:4]).any()
+
+
+def test_what_was_filled_in_is_no_evidence():
+    scan = without(scan_at(OFFICE, free_pose(OFFICE, np.random.default_rng(0))), range(0, 181, 4))
+    view = ReferenceSet.build([scan]).index.features.view
+    np.testing.assert_array_equal(np.asarray(view.hit)[0, :181], np.asarray(scan.hit))
+    np.testing.assert_array_equal(np.asarray(view.range)[0, 0:181:4], 0)
+    assert not np.any(np.asarray(view.linked)[0, :180] & ~np.asarray(scan.hit)[1:])

@@ -22,7 +22,7 @@ class Beams:
                 bearing = self.angle_min + i * self.step
                 self.xy[i] = self.ranges[i] * np.array([np.cos(bearing), np.sin(bearing)])
 
-    def bridged(self, longest, gap, incidence):
+    def bridged(self, angle, gap, incidence):
         """These beams with the invalid ones filled in that a surface runs on across."""
         filled = list(self.ranges)
         spacing = _spacing(self.step, incidence)
@@ -31,11 +31,13 @@ class Beams:
             while j is not None and j != i and not (self.hit[j] or self.free[j]):
                 run.append(j)
                 j = self.after(j)
-            if not run or j is None or not (self.hit[i] and self.hit[j]) or len(run) > longest:
+            if not run or j is None or not (self.hit[i] and self.hit[j]):
+                continue
+            if (len(run) + 1) * abs(self.step) > angle:
                 continue
             distance = np.hypot(*(self.xy[j] - self.xy[i]))
             nearer = min(self.ranges[i], self.ranges[j])
-            if distance > gap + spacing * (len(run) + 1) * nearer:
+            if distance > gap + spacing * nearer:
                 continue
             for k in run:
                 bearing = self.angle_min + k * self.step
