@@ -35,6 +35,7 @@ from aprjax.world.plane import (
 from aprjax.world.recognition import RecognitionConfig, Sightings, sightings
 from aprjax.world.smoothing import Measurements
 from aprjax.world.super_space import neighbourhood
+from aprjax.world.tidy import drop_shortcuts, merge_close_nodes
 
 
 class MapConfig(eqx.Module):
@@ -52,6 +53,9 @@ class MapConfig(eqx.Module):
         0.3, "metres: deviation up to which dead reckoning leads back to an older node"
     )
     back_turn: Float[Array, ""] = threshold(np.radians(4), "radians, likewise")
+    one_place: Float[Array, ""] = threshold(1.5, "metres up to which two nodes are made one")
+    sure: Float[Array, ""] = threshold(0.4, "metres: deviation of their distance at most")
+    detour: Float[Array, ""] = threshold(1.3, "of an arc's length, that makes it superfluous")
     gap: Float[Array, ""] = threshold(1.5, "metres between reference scans")
     turn: Float[Array, ""] = threshold(np.radians(40), "radians between reference scans")
 
@@ -97,8 +101,12 @@ def build_from_scans(
     world = mapper.world
     measured = Measurements.join([moved.measured, *mapper.links])
     fit_arcs(world, measured)
-    kept = sorted(mapper.appearances)
-    world.add_references([scans[k] for k in kept], [mapper.appearances[k] for k in kept])
+    merge_close_nodes(world, float(config.one_place), float(config.sure))
+    drop_shortcuts(world, float(config.detour))
+    world.add_references(
+        [scans[scan] for scan in mapper.references],
+        [Appearance(world.places[scan], scan) for scan in mapper.references],
+    )
     world.check()
     return world
 
@@ -110,8 +118,8 @@ class _Mapper:
         self.world = WorldModel(config.features)
         self.links: list[Measurements] = []
         """Scans measured from references of a part that was known."""
-        self.appearances: dict[int, Appearance] = {}
-        """References by their scan's number."""
+        self.references: list[int] = []
+        """Numbers of the scans that are references."""
         self._moved, self._seen, self._views, self._config = moved, seen, views, config
         self._by_node: dict[int, list[int]] = {}
         self._covariance: dict[int, np.ndarray] = {}
@@ -240,4 +248,4 @@ class _Mapper:
                 if distance(off) < self._config.gap and abs(off[2]) < self._config.turn:
                     return
         self._by_node.setdefault(located.place.node, []).append(scan)
-        self.appearances[scan] = Appearance(located.place, scan)
+        self.references.append(scan)

@@ -1,0 +1,133 @@
+import numpy as np
+import pytest
+
+from aprjax.world.model import WorldModel
+from aprjax.world.parts import Appearance, Arc, ArcEnd, Place, WorldModelError
+from aprjax.world.plane import compose, inverse
+from aprjax.world.super_space import between
+
+EXACT = np.zeros((3, 3))
+
+
+def place(node, *T):
+    return Place(node, np.array(T or (0, 0, 0), float))
+
+
+def test_an_arc_is_the_inverse_when_seen_from_its_other_end(square):
+    there, back = square.arc(0, 1), square.arc(1, 0)
+    assert (back.a, back.b) == (1, 0)
+    np.testing.assert_allclose(compose(there.T_a_b, back.T_a_b), 0, atol=1e-12)
+    np.testing.assert_allclose(
+        back.seen_from(0).covariance, there.covariance, rtol=1e-9, atol=1e-12
+    )
+
+
+def test_what_was_seen_belongs_to_the_arc_it_looks_along_in_either_direction(square):
+    # From node 0, node 1 lies ahead and node 3 on the left.
+    ends = [square.arc_end(square.appearances[reference]) for reference in (0, 1, 2)]
+    assert ends == [ArcEnd(0, 1, True), ArcEnd(0, 3, True), ArcEnd(2, 3, True)]
+    back = Appearance(place(0, 0.0, 0.0, np.pi - 0.1))
+    assert square.arc_end(back) == ArcEnd(0, 1, False)
+    assert square.arc_end(Appearance(place(4, 0.0, 0.0, 0.0))) == ArcEnd(4, None, True)
+    assert square.seen_along(0, 1) == [0]
+    assert square.seen_along(0, 3) == [1]
+    assert square.seen_along(1, 0) == []
+
+
+def test_references_keep_their_ids_and_follow_the_edits(square):
+    assert square.references.ids.tolist() == [0, 1, 2]
+    scan = square.reference_scans[0]
+    square.remove_references([1])
+    assert square.add_references([scan], [Appearance(place(3, 0, 0, 0), 31)]) == [3]
+    assert square.references.ids.tolist() == [0, 2, 3]
+    square.remove_references([3])
+    assert square.add_references([scan], [Appearance(place(3, 0, 0, 0), 31)]) == [4]
+    assert square.references.ids.tolist() == [0, 2, 4]
+    assert square.references.next_id == 5
+    square.check()
+
+
+def test_a_node_that_is_split_leaves_everything_where_it_was(square):
+    before = {k: between(square, place(1), seen.place)[0] for k, seen in square.appearances.items()}
+    T_3_new = square.arc(3, 0).T_a_b + 0.0
+    new = square.split_node(2, np.array([1.5, 0.0, 0.3]), EXACT + 1e-12 * np.eye(3), [3])
+    square.check()
+    assert set(square.graph[new]) == {2, 3}
+    assert set(square.graph[2]) == {1, new}
+    assert square.appearances[2].place.node == new
+    np.testing.assert_allclose(square.arc(3, 0).T_a_b, T_3_new)
+    for k, seen in square.appearances.items():
+        if k != 2:
+            continue
+        np.testing.assert_allclose(between(square, place(1), seen.place)[0], before[k], atol=1e-9)
+
+
+def test_nodes_that_are_merged_leave_everything_where_it_was(square):
+    before = between(square, place(0), square.images[0].place)[0]
+    square.merge_nodes(0, 1)
+    square.check()
+    assert square.nodes == [0, 2, 3, 4]
+    assert set(square.graph[0]) == {2, 3}
+    assert square.images[0].place.node == 0
+    np.testing.assert_allclose(between(square, place(0), square.images[0].place)[0], before)
+    assert square.places[10].node == 0
+
+
+def test_splitting_and_merging_again_gives_the_same_map(square):
+    arcs = {(arc.a, arc.b): arc.T_a_b for arc in square.arcs()}
+    seen = {k: appearance.place.T_node_laser for k, appearance in square.appearances.items()}
+    new = square.split_node(2, np.array([1.5, 0.0, 0.3]), 1e-12 * np.eye(3), [3])
+    square.merge_nodes(2, new)
+    for (a, b), T in arcs.items():
+        np.testing.assert_allclose(square.arc(a, b).T_a_b, T, atol=1e-9)
+    for k, T in seen.items():
+        np.testing.assert_allclose(square.appearances[k].place.T_node_laser, T, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [
+        (lambda w: w.add_node(node=2), "node 2: there is one already"),
+        (lambda w: w.add_arc(Arc(0, 9, np.zeros(3), EXACT, "driven")), "no node 9"),
+        (lambda w: w.add_arc(Arc(0, 1, np.zeros(3), EXACT, "driven")), "between 0 and 1 already"),
+        (lambda w: w.add_arc(Arc(0, 0, np.zeros(3), EXACT, "driven")), "starts where it ends"),
+        (lambda w: w.add_arc(Arc(0, 4, np.zeros(3), EXACT, "flown")), "'flown' is none of"),
+        (lambda w: w.add_arc(Arc(0, 4, np.full(3, np.nan), EXACT, "driven")), "no pose"),
+        (lambda w: w.add_arc(Arc(0, 4, np.zeros(3), -np.eye(3), "driven")), "negative eigenvalue"),
+        (lambda w: w.add_arc(Arc(0, 4, np.zeros(3), np.triu(np.ones((3, 3))), "driven")), "symm"),
+        (lambda w: w.replace_arc(Arc(0, 4, np.zeros(3), EXACT, "driven")), "none between 0 and 4"),
+        (lambda w: w.remove_arc(0, 2), "none between 0 and 2"),
+        (lambda w: w.merge_nodes(0, 2), "none between 0 and 2"),
+        (lambda w: w.split_node(9, np.zeros(3), EXACT), "no node 9"),
+        (lambda w: w.split_node(0, np.zeros(3), EXACT, [2]), "none between 0 and 2"),
+        (lambda w: w.remove_references([0, 9]), "reference 9: there is none"),
+        (lambda w: w.add_references([], [Appearance(place(0, 0, 0, 0))]), "do not fit"),
+        (lambda w: w.place_scan(3, place(9, 0, 0, 0)), "scan 3: there is no node 9"),
+        (lambda w: w.place_scan(3, place(0, 0, np.inf, 0)), "no pose of three finite numbers"),
+        (lambda w: w.add_image(Appearance(place(0, 0, 0, 0))), "it has no class"),
+    ],
+)
+def test_an_edit_that_does_not_fit_is_refused_and_changes_nothing(square, edit, message):
+    arcs, nodes = [(arc.a, arc.b) for arc in square.arcs()], square.nodes
+    with pytest.raises(WorldModelError, match=message):
+        edit(square)
+    square.check()
+    assert [(arc.a, arc.b) for arc in square.arcs()] == arcs
+    assert square.nodes == nodes
+    assert sorted(square.appearances) == [0, 1, 2]
+
+
+def test_a_broken_invariant_is_found(square):
+    square.appearances[0] = Appearance(place(8, 0, 0, 0))
+    with pytest.raises(WorldModelError, match="reference 0: there is no node 8"):
+        square.check()
+
+
+def test_without_references_there_is_no_set_of_them():
+    with pytest.raises(WorldModelError, match="has none"):
+        _ = WorldModel().references
+
+
+def test_the_inverse_of_a_pose_is_its_inverse():
+    T = np.array([[1.0, 2.0, 3.0], [0.0, 0.0, 0.0], [-1.0, 0.5, -2.0]])
+    np.testing.assert_allclose(compose(T, inverse(T)), 0, atol=1e-12)
