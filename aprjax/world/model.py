@@ -231,7 +231,8 @@ class WorldModel:
             arc = self.arc(gone, neighbour)
             T = compose(link.T_a_b, arc.T_a_b)
             both = compose_covariance(link.T_a_b, link.covariance, arc.T_a_b, arc.covariance)
-            self.add_arc(Arc(kept, neighbour, T, both, arc.kind))
+            kind = "closed" if "closed" in (link.kind, arc.kind) else "driven"
+            self.add_arc(Arc(kept, neighbour, T, both, kind))
 
         def into_kept(place: Place) -> Place:
             if place.node != gone:

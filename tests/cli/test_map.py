@@ -1,0 +1,127 @@
+import json
+
+import numpy as np
+import pytest
+
+from aprjax.io.carmen_writer import write_log
+from aprjax.scan import Scan
+from aprjax.world.model import WorldModel
+from aprjax.world.parts import Appearance, Arc, Place
+from aprjax.world.store import save_map
+from tests.world.rings import drive
+
+SURE = np.diag([1e-4, 1e-4, 1e-5])
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    """A log of a way along one side of a ring."""
+    entries, _ = drive(seed=3, way=8.0)
+    path = tmp_path_factory.mktemp("drive") / "drive.log.gz"
+    odometry = np.array([entry.odometry for entry in entries])
+    scans = Scan.stack([entry.scan for entry in entries], slots=181)
+    write_log(path, scans, odometry, 0.5 * np.arange(len(entries)))
+    return path
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    """A map file of a triangle of nodes that is torn, one node apart, and one reference."""
+    world = WorldModel()
+    for node in range(4):
+        world.add_node(node)
+        world.place_scan(node, Place(node, np.zeros(3)))
+    corner = np.array([3.0, 0.0, 2 * np.pi / 3])
+    world.add_arc(Arc(0, 1, corner, SURE, "driven"))
+    world.add_arc(Arc(1, 2, corner, SURE, "driven"))
+    world.add_arc(Arc(2, 0, corner + np.array([0.4, 0, 0]), SURE, "closed"))
+    scan = drive(seed=3, way=0.5)[0][0].scan
+    world.add_references([scan], [Appearance(Place(1, np.array([0.2, 0.0, 0.1])), 1)])
+    path = tmp_path_factory.mktemp("maps") / "small.map"
+    save_map(world, path)
+    return path
+
+
+def test_a_log_becomes_a_map_that_can_be_described_and_scored(command, log, tmp_path):
+    path = tmp_path / "drive.map"
+    status, out, err = command("map", "build", log, "--out", path)
+    assert (status, out) == (0, "")
+    assert "16 scans: " in err
+    status, out, _ = command("map", "info", path, "--json")
+    facts = json.loads(out)
+    assert facts["scans_placed"] == 16
+    assert facts["arcs"] == facts["nodes"] - 1 >= 1
+    assert facts["length_m"] == pytest.approx(7.5, abs=3)
+    status, _, _ = command("map", "export", path, "--out", tmp_path / "drive.json")
+    exported = json.loads((tmp_path / "drive.json").read_text())
+    assert [scan["scan"] for scan in exported["scans"]] == list(range(16))
+
+
+def test_a_torn_cycle_is_told(command, small):
+    status, out, _ = command("map", "info", small)
+    assert status == 0
+    assert "cycles torn: 1" in out
+    assert "cycle 0-1-2: 9.4 m, misses its start by 0.4 m and 0.0°, torn" in out
+    assert "worst arc assembled m: 0.4" in out
+    facts = json.loads(command("map", "info", small, "--json")[1])
+    assert facts["worst_arc_relaxed_m"] < 0.2
+
+
+def test_a_path_is_a_table(command, small):
+    status, out, err = command("map", "path", small, 0, 1)
+    assert status == 0
+    assert out.splitlines() == ["from,to,length_m,turn_deg,kind", "0,1,3.000,0.0,driven"]
+    assert "1 arcs, 3.00 m" in err
+
+
+@pytest.mark.parametrize("options", [(), ("--relaxed",), ("--root", "2", "--no-scans")])
+def test_the_picture_is_a_png(command, small, tmp_path, options):
+    status, _, err = command("map", "show", small, "--out", tmp_path / "f.png", *options)
+    assert (status, err) == (0, "")
+    assert (tmp_path / "f.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "start"),
+    [
+        ("f.json", (), '{\n "nodes"'),
+        ("f.graphml", (), "<graphml"),
+        ("f.g2o", (), "VERTEX_SE2 0 "),
+        ("f.g2o", ("--relaxed",), "VERTEX_SE2 0 "),
+        ("f.txt", ("--format", "node-link"), '{\n "directed"'),
+    ],
+)
+def test_the_format_is_told_by_the_suffix_or_by_name(
+    command, small, tmp_path, name, options, start
+):
+    status, _, _ = command("map", "export", small, "--out", tmp_path / name, *options)
+    assert status == 0
+    assert (tmp_path / name).read_text().startswith(start)
+
+
+def test_bad_data_is_one_clear_line(command, small, log, tmp_path):
+    out = tmp_path / "out"
+    absent = tmp_path / "absent"
+    for words, message in [
+        (("info", absent), f"{absent}: No such file or directory"),
+        (("info", log), f"{log}: not a map file"),
+        (("path", small, 0, 9), f"{small}: node 9: the map has none, only 0 to 3"),
+        (("path", small, 0, 3), f"{small}: node 3: no arcs lead there from 0"),
+        (("show", small, "--out", out, "--root", 9), f"{small}: node 9: there is none"),
+        (("export", small, "--out", out), f"{out}: say --format"),
+        (("build", small, "--out", out), f"{small}: not a CARMEN log"),
+        (("build", log, "--out", log), f"{log}: would overwrite what is read"),
+        (("show", small, "--out", tmp_path / "no" / "f.png"), "cannot be written"),
+    ]:
+        status, printed, err = command("map", *words)
+        assert (status, printed) == (1, ""), words
+        assert message in err
+        assert len(err.splitlines()) == 1
+    assert not out.exists()
+
+
+def test_bad_usage_is_told_apart(command):
+    for words in (("map",), ("map", "path", "m", "a", "b"), ("map", "fly")):
+        status, _, err = command(*words)
+        assert status == 2
+        assert "usage" in err

@@ -1,0 +1,93 @@
+from dataclasses import replace
+
+import networkx as nx
+import numpy as np
+import pytest
+
+from aprjax.scan import Scan
+
+from aprjax.world.build import build_map
+from aprjax.world.parts import Place
+from aprjax.world.plane import distance, relative
+from aprjax.world.super_space import between, cycles, neighbourhood
+from tests.world.rings import LAP, drive
+
+
+def contracted(graph: nx.Graph) -> nx.MultiGraph:
+    """The graph without its nodes of degree two, and without its dead ends."""
+    left = nx.MultiGraph(graph)
+    while ends := [node for node, degree in left.degree() if degree == 1]:
+        left.remove_nodes_from(ends)
+    for node in list(left):
+        if left.degree(node) == 2 and not left.has_edge(node, node):
+            a, b = (other for _, other in left.edges(node))
+            left.remove_node(node)
+            left.add_edge(a, b)
+    return left
+
+
+def test_a_ring_driven_once_and_a_half_is_one_cycle(built):
+    world, _ = built
+    assert nx.is_connected(world.graph)
+    ring = contracted(world.graph)
+    assert ring.number_of_nodes() == ring.number_of_edges() == 1
+    (cycle,) = cycles(world)
+    assert cycle.length == pytest.approx(LAP, rel=0.15)
+    assert any(arc.kind == "closed" for arc in world.arcs())
+
+
+def test_arcs_and_places_are_right_though_the_wheels_are_not(built):
+    world, truth = built
+    frames = {node: truth[world.graph.nodes[node]["scan"]] for node in world.nodes}
+    for arc in world.arcs():
+        off = relative(arc.T_a_b, relative(frames[arc.a], frames[arc.b]))
+        assert distance(off) < 0.2
+        assert abs(off[2]) < np.radians(3)
+    assert sorted(world.places) == list(range(len(truth)))
+    for scan, place in world.places.items():
+        off = relative(place.T_node_laser, relative(frames[place.node], truth[scan]))
+        assert distance(off) < 0.3
+        assert distance(place.T_node_laser) < 10
+
+
+def test_the_second_lap_is_placed_beside_the_first(built):
+    world, truth = built
+    lap = int(LAP / 0.5)
+    right = 0
+    for scan in range(lap + 10, len(truth)):
+        earlier = world.places[scan - lap]
+        assert len(neighbourhood(world, earlier.node, 3)) > 1
+        T, _ = between(world, earlier, world.places[scan])
+        off = relative(T, relative(truth[scan - lap], truth[scan]))
+        right += distance(off) < 0.3
+    assert right > 0.9 * (len(truth) - lap - 10)
+
+
+def test_references_are_kept_where_they_add_something(built):
+    world, truth = built
+    scans = [seen.scan for seen in world.appearances.values()]
+    assert len(scans) < 0.5 * len(truth)
+    # Hardly any on the second lap, where there are some already.
+    assert sum(scan > 1.2 * LAP / 0.5 for scan in scans) <= 4
+    for seen in world.appearances.values():
+        assert seen.place is world.places[seen.scan]
+        assert world.arc_end(seen).neighbour is not None
+
+
+def test_a_log_without_scans_or_odometry_is_refused():
+    log, _ = drive(seed=3, way=1.0)
+    with pytest.raises(ValueError, match="there is no scan"):
+        build_map([])
+    with pytest.raises(ValueError, match="scan 1 has no odometry"):
+        build_map([log[0], replace(log[1], odometry=None)])
+
+
+def test_one_scan_is_a_map_of_one_node():
+    log, _ = drive(seed=3, way=0.5)
+    few = Scan.make(
+        log[0].scan.ranges[::3], angle_min=-np.pi / 2, angle_increment=np.pi / 60, range_max=30
+    )
+    world = build_map([replace(log[0], scan=few)])
+    assert world.nodes == [0]
+    assert isinstance(world.places[0], Place)
+    assert len(world.appearances) == 1

@@ -1,0 +1,167 @@
+import json
+import time
+import xml.etree.ElementTree as ElementTree
+
+import jax
+import networkx as nx
+import numpy as np
+import pytest
+
+from aprjax.world.export import g2o, graphml, node_link_json, score_json
+from aprjax.world.model import WorldModel
+from aprjax.world.parts import Appearance, Place, WorldModelError
+from aprjax.world.store import MapFileError, load_map, save_map
+from aprjax.world.super_space import assemble
+from tests.worlds import office, scan_at
+
+
+def refused(path) -> str:
+    """The one line with which a file is refused, without its path."""
+    with pytest.raises(MapFileError) as caught:
+        load_map(path)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ")
+    assert "\n" not in message
+    return message.removeprefix(f"{path}: ")
+
+
+def same(one: WorldModel, other: WorldModel) -> None:
+    assert one.nodes == other.nodes
+    assert dict(one.graph.nodes(data="scan")) == dict(other.graph.nodes(data="scan"))
+    for a, b in zip(one.arcs(), other.arcs(), strict=True):
+        assert (a.a, a.b, a.kind) == (b.a, b.b, b.kind)
+        np.testing.assert_array_equal(a.T_a_b, b.T_a_b)
+        np.testing.assert_array_equal(a.covariance, b.covariance)
+    for mine, theirs in ((one.appearances, other.appearances), (one.images, other.images)):
+        assert mine.keys() == theirs.keys()
+        for key, seen in mine.items():
+            assert (seen.scan, seen.image_class) == (theirs[key].scan, theirs[key].image_class)
+            assert seen.place.node == theirs[key].place.node
+            np.testing.assert_array_equal(seen.place.T_node_laser, theirs[key].place.T_node_laser)
+    assert one.places.keys() == other.places.keys()
+    assert one.next_reference == other.next_reference
+    assert one.reference_scans.keys() == other.reference_scans.keys()
+    for reference, scan in one.reference_scans.items():
+        again = other.reference_scans[reference]
+        padded = scan.pad(again.ranges.shape[-1])
+        for a, b in zip(jax.tree.leaves(padded), jax.tree.leaves(again), strict=True):
+            assert np.asarray(a).tobytes() == np.asarray(b).tobytes()
+
+
+def test_round_trip_keeps_everything(square, tmp_path):
+    square.remove_references([1])
+    save_map(square, tmp_path / "map")
+    loaded = load_map(tmp_path / "map")
+    same(square, loaded)
+    save_map(loaded, tmp_path / "again")
+    assert (tmp_path / "again").read_bytes() == (tmp_path / "map").read_bytes()
+    assert {path.name for path in tmp_path.iterdir()} == {"map", "again"}
+
+
+def test_a_built_map_comes_back(built, tmp_path):
+    save_map(built[0], tmp_path / "map")
+    same(built[0], load_map(tmp_path / "map"))
+
+
+def test_ten_thousand_references_are_loaded_in_two_seconds(tmp_path):
+    world = WorldModel()
+    world.add_node(0)
+    scan = scan_at(office(seed=5), np.array([3.0, 0.0, 0.0]))
+    seen = Appearance(Place(0, np.zeros(3)), 0)
+    world.add_references([scan] * 10_000, [seen] * 10_000)
+    save_map(world, tmp_path / "map")
+    start = time.process_time()
+    assert len(load_map(tmp_path / "map").appearances) == 10_000
+    assert time.process_time() - start < 2.0
+
+
+def test_nothing_is_written_of_an_empty_or_broken_model(square, tmp_path):
+    with pytest.raises(ValueError, match="no node"):
+        save_map(WorldModel(), tmp_path / "map")
+    square.places[3] = Place(77, np.zeros(3))
+    with pytest.raises(WorldModelError, match="node 77"):
+        save_map(square, tmp_path / "map")
+    assert not list(tmp_path.iterdir())
+
+
+def test_foreign_and_cut_off_files(square, tmp_path):
+    path = tmp_path / "map"
+    assert refused(path) == "No such file or directory"
+    path.write_bytes(b"")
+    assert refused(path) == "the file is empty"
+    path.write_bytes(b"ODOM 0 0 0")
+    assert refused(path) == "not a map file"
+    np.savez(tmp_path / "other.npz", ranges=np.zeros(3))
+    assert refused(tmp_path / "other.npz") == "an archive, but not a map file"
+    save_map(square, path)
+    data = path.read_bytes()
+    for length in range(2, len(data), len(data) // 40):
+        path.write_bytes(data[:length])
+        assert refused(path) == "cut off or damaged: not a readable archive"
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("version", lambda a: a + 1, "version 2 is newer than 1"),
+        ("version", lambda a: a - 1, "version 0 does not exist"),
+        ("nodes", lambda a: a.astype(float), "nodes is float64, not int64"),
+        ("nodes", lambda a: a[:0], "there are no nodes"),
+        ("nodes", lambda a: 0 * a, "node 0: there is one already"),
+        ("nodes", lambda a: a - 1, "node -1: ids are not negative"),
+        ("node_scans", lambda a: a[1:], "node_scans has shape (4,), not (5)"),
+        ("arcs", lambda a: a + 3, "there is no node"),
+        ("arc_poses", lambda a: a[:, :2], "arc_poses has shape (4, 2), not (4, 3)"),
+        ("arc_poses", lambda a: a * np.nan, "no pose of three finite numbers"),
+        ("arc_covariances", lambda a: -a, "negative eigenvalue"),
+        ("arc_kinds", lambda a: a + 5, "its kind 5 does not exist"),
+        ("place_nodes", lambda a: a + 1, "there is no node 5"),
+        ("reference_ids", lambda a: a[::-1], "reference_ids: they do not ascend"),
+        ("next_id", lambda a: a - 1, "reference_ids: they do not ascend"),
+        ("reference_poses", lambda a: a / 0, "no pose of three finite numbers"),
+        ("ranges", lambda a: a[1:], "ranges has shape"),
+        ("angle_increment", lambda a: 0 * a, "angle_increment[0] is zero or too large"),
+        ("image_classes", lambda a: a[:0], "image_ids has shape (1,), not (0)"),
+        ("features", lambda a: np.array("{"), "features is not JSON"),
+        ("features", None, "features is missing"),
+    ],
+)
+def test_contents_that_no_map_can_have_are_named(square, tmp_path, name, change, message):
+    save_map(square, tmp_path / "map")
+    with np.load(tmp_path / "map") as archive:
+        arrays = {key: archive[key] for key in archive.files}
+    with np.errstate(all="ignore"):
+        changed = {} if change is None else {name: change(arrays.pop(name))}
+    arrays.pop(name, None)
+    with (tmp_path / "map").open("wb") as file:
+        np.savez_compressed(file, **arrays, **changed)
+    assert message in refused(tmp_path / "map")
+
+
+def test_the_exports_are_read_by_others(square):
+    scored = json.loads(score_json(square))
+    assert scored["nodes"][1] == {"id": 1, "scan": 10}
+    assert scored["arcs"][0] | {"x": 2.0, "kind": "driven"} == scored["arcs"][0]
+    assert [scan["scan"] for scan in scored["scans"]] == [0, 10, 20, 30, 40]
+
+    graph = nx.node_link_graph(json.loads(node_link_json(square)), edges="links")
+    assert nx.is_isomorphic(graph, square.graph)
+    assert graph.nodes[0]["appearances"][1]["arc_to"] == 3
+    assert graph.nodes[1]["images"][0]["image_class"] == 7
+
+    plain = nx.parse_graphml(graphml(square), node_type=int)
+    assert nx.utils.edges_equal(plain.edges, square.graph.edges)
+    assert plain.nodes[0]["references"] == 2
+    ElementTree.fromstring(graphml(square))
+
+    lines = [line.split() for line in g2o(square, assemble(square)).splitlines()]
+    assert [line[0] for line in lines].count("EDGE_SE2") == 4
+    edge = next(line for line in lines if line[0] == "EDGE_SE2")
+    assert len(edge) == 12
+    assert float(edge[6]) == pytest.approx(1e4, rel=1e-3)  # the inverse of a square centimetre
+
+
+def test_a_node_without_a_scan_cannot_be_scored(square):
+    square.add_node()
+    with pytest.raises(WorldModelError, match="node 5"):
+        score_json(square)

@@ -1,0 +1,135 @@
+import numpy as np
+import pytest
+
+from aprjax.world.model import WorldModel
+from aprjax.world.parts import Arc, Place, WorldModelError
+from aprjax.world.plane import (
+    compose,
+    compose_covariance,
+    inverse,
+    inverse_covariance,
+    relative,
+)
+from aprjax.world.planning import PlanError, plan
+from aprjax.world.relax import relax
+from aprjax.world.super_space import assemble, between, connections, cycles, residuals
+
+AHEAD = np.array([2.0, 0.0, np.pi / 2])
+
+
+def torn(world: WorldModel, metres: float) -> None:
+    """Make the arc that closes the square end beside its start."""
+    world.replace_arc(
+        Arc(3, 0, AHEAD + np.array([metres, 0, 0]), world.arc(3, 0).covariance, "closed")
+    )
+
+
+def test_poses_of_two_nodes_are_compared_along_the_arcs(square):
+    one, other = Place(0, np.array([1.0, 0.0, 0.0])), Place(2, np.array([0.0, 0.0, 0.0]))
+    T, covariance = between(square, one, other)
+    np.testing.assert_allclose(T, [1.0, 2.0, -np.pi], atol=1e-9)
+    # Two arcs' headings add up; the first one's turns the second about its corner.
+    assert covariance[2, 2] == pytest.approx(2e-5)
+    assert covariance[0, 0] == pytest.approx(2e-4 + 4 * 1e-5)
+    assert covariance[1, 1] == pytest.approx(2e-4)
+    back, _ = between(square, other, one)
+    np.testing.assert_allclose(compose(T, back), 0, atol=1e-9)
+
+
+def test_every_arc_adds_to_the_error(square):
+    spread = {node: found.covariance[0, 0] for node, found in connections(square, 0).items()}
+    assert spread[0] == 0 < spread[1] < spread[2]
+    assert spread[3] < spread[2]  # along the closing arc
+    assert 4 not in spread
+
+
+def test_nodes_without_a_path_cannot_be_compared(square):
+    with pytest.raises(WorldModelError, match="nodes 0 and 4: no path"):
+        between(square, Place(0, np.zeros(3)), Place(4, np.zeros(3)))
+    with pytest.raises(WorldModelError, match="node 9"):
+        connections(square, 9)
+
+
+def test_the_covariance_of_composed_and_inverted_poses_is_that_of_samples():
+    rng = np.random.default_rng(0)
+    T_a_b, T_b_c = np.array([1.0, -2.0, 0.7]), np.array([3.0, 0.5, -1.2])
+    cov_a_b, cov_b_c = np.diag([4e-4, 1e-4, 2e-4]), np.diag([1e-4, 9e-4, 1e-4])
+    first = rng.multivariate_normal(T_a_b, cov_a_b, 200_000)
+    second = rng.multivariate_normal(T_b_c, cov_b_c, 200_000)
+    sampled = np.cov(compose(first, second).T)
+    claimed = compose_covariance(T_a_b, cov_a_b, T_b_c, cov_b_c)
+    np.testing.assert_allclose(claimed, sampled, atol=3e-5)
+    np.testing.assert_allclose(
+        inverse_covariance(T_a_b, cov_a_b), np.cov(inverse(first).T), atol=3e-5
+    )
+
+
+def test_a_cycle_that_closes_is_not_torn_and_one_that_misses_its_start_is(square):
+    (cycle,) = cycles(square)
+    assert cycle.nodes == (0, 1, 2, 3)
+    assert cycle.length == pytest.approx(8.0)
+    np.testing.assert_allclose(cycle.T_residual, 0, atol=1e-9)
+    assert not cycle.torn
+    torn(square, 0.3)
+    (cycle,) = cycles(square)
+    assert np.hypot(*cycle.T_residual[:2]) == pytest.approx(0.3)
+    assert cycle.torn
+    square.remove_arc(3, 0)
+    assert cycles(square) == []
+
+
+def test_the_assembled_frame_is_torn_in_one_arc_and_the_relaxed_one_a_little_in_each(square):
+    torn(square, 0.2)
+    assembled, relaxed = (residuals(square, of(square)) for of in (assemble, relax))
+    gaps = np.sort(np.hypot(*assembled[:, :2].T))
+    assert gaps[-2] < 1e-6
+    assert gaps[-1] > 0.15
+    assert np.hypot(*relaxed[:, :2].T).max() < 0.1
+
+
+def test_any_root_gives_the_same_frame_but_for_its_place(square):
+    one, other = assemble(square, 0), assemble(square, 2)
+    for node in range(4):
+        np.testing.assert_allclose(
+            relative(one[2], one[node]), other[node], atol=1e-9, err_msg=str(node)
+        )
+    relaxed = relax(square, 2)
+    np.testing.assert_allclose(relaxed[2], 0, atol=1e-4)
+    assert set(relaxed) == {0, 1, 2, 3}
+    np.testing.assert_allclose(relaxed[0], other[0], atol=1e-3)
+
+
+def test_an_arc_that_all_others_contradict_gives_way():
+    world = WorldModel()
+    sure = np.diag([1e-4, 1e-4, 1e-5])
+    truth = [np.array([2.0 * k, 0.1 * k, 0.05 * k]) for k in range(6)]
+    for _ in truth:
+        world.add_node()
+    for a in range(6):
+        for b in range(a + 1, min(a + 3, 6)):
+            world.add_arc(Arc(a, b, relative(truth[a], truth[b]), sure, "driven"))
+    world.add_arc(Arc(0, 5, np.array([3.0, 4.0, 1.0]), sure, "closed"))
+    relaxed = relax(world)
+    np.testing.assert_allclose([relaxed[k] for k in range(6)], truth, atol=0.1)
+
+
+def test_a_node_alone_is_a_frame(square):
+    assert list(relax(square, 4)) == [4]
+
+
+def test_a_path_is_the_shortest_and_says_how_to_turn(square):
+    way = plan(square, 0, 2)
+    assert way.length == pytest.approx(4.0)
+    assert [(leg.start, leg.end) for leg in way.legs] in ([(0, 1), (1, 2)], [(0, 3), (3, 2)])
+    # Round the square is to the left, the other way to the right.
+    left = way.nodes[1] == 1
+    assert way.legs[1].turn == pytest.approx(np.pi / 2 if left else -np.pi / 2)
+    assert way.legs[0].turn == 0
+    assert plan(square, 3, 3).legs == ()
+
+
+def test_a_path_to_nowhere_is_a_clear_error(square):
+    with pytest.raises(PlanError, match="node 4: no arcs lead there from 0"):
+        plan(square, 0, 4)
+    with pytest.raises(PlanError, match="node 7: the map has none, only 0 to 4"):
+        plan(square, 7, 0)
