@@ -61,7 +61,7 @@ def graphml(world: WorldModel) -> str:
         graph.add_edge(arc.a, arc.b, **_arc(arc))
     text = io.BytesIO()
     nx.write_graphml_xml(graph, text)
-    return text.getvalue().decode() + "\n"
+    return text.getvalue().decode()
 
 
 def g2o(world: WorldModel, frame: dict[int, np.ndarray]) -> str:

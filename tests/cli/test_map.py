@@ -3,25 +3,18 @@ import json
 import numpy as np
 import pytest
 
-from aprjax.io.carmen_writer import write_log
-from aprjax.scan import Scan
 from aprjax.world.model import WorldModel
 from aprjax.world.parts import Appearance, Arc, Place
 from aprjax.world.store import save_map
-from tests.world.rings import drive
+from tests.world.rings import drive, mapped
 
-SURE = np.diag([1e-4, 1e-4, 1e-5])
+SURE = np.diag([1e-3, 1e-3, 1e-4])
 
 
 @pytest.fixture(scope="module")
-def log(tmp_path_factory):
-    """A log of a way along one side of a ring."""
-    entries, _ = drive(seed=3, way=8.0)
-    path = tmp_path_factory.mktemp("drive") / "drive.log.gz"
-    odometry = np.array([entry.odometry for entry in entries])
-    scans = Scan.stack([entry.scan for entry in entries], slots=181)
-    write_log(path, scans, odometry, 0.5 * np.arange(len(entries)))
-    return path
+def log():
+    """A log of a drive round a ring."""
+    return mapped()[0]
 
 
 @pytest.fixture(scope="module")
@@ -42,19 +35,16 @@ def small(tmp_path_factory):
     return path
 
 
-def test_a_log_becomes_a_map_that_can_be_described_and_scored(command, log, tmp_path):
-    path = tmp_path / "drive.map"
-    status, out, err = command("map", "build", log, "--out", path)
-    assert (status, out) == (0, "")
-    assert "16 scans: " in err
-    status, out, _ = command("map", "info", path, "--json")
-    facts = json.loads(out)
-    assert facts["scans_placed"] == 16
-    assert facts["arcs"] == facts["nodes"] - 1 >= 1
-    assert facts["length_m"] == pytest.approx(7.5, abs=3)
+def test_a_log_becomes_a_map_that_can_be_described_and_scored(command, tmp_path):
+    _, path, truth = mapped()
+    facts = json.loads(command("map", "info", path, "--json")[1])
+    assert facts["scans_placed"] == len(truth)
+    assert facts["arcs"] == facts["nodes"]
+    assert (facts["cycles"], facts["cycles_torn"]) == (1, 0)
     status, _, _ = command("map", "export", path, "--out", tmp_path / "drive.json")
+    assert status == 0
     exported = json.loads((tmp_path / "drive.json").read_text())
-    assert [scan["scan"] for scan in exported["scans"]] == list(range(16))
+    assert [scan["scan"] for scan in exported["scans"]] == list(range(len(truth)))
 
 
 def test_a_torn_cycle_is_told(command, small):
@@ -64,7 +54,7 @@ def test_a_torn_cycle_is_told(command, small):
     assert "cycle 0-1-2: 9.4 m, misses its start by 0.4 m and 0.0°, torn" in out
     assert "worst arc assembled m: 0.4" in out
     facts = json.loads(command("map", "info", small, "--json")[1])
-    assert facts["worst_arc_relaxed_m"] < 0.2
+    assert facts["worst_arc_relaxed_m"] < 0.25
 
 
 def test_a_path_is_a_table(command, small):
@@ -85,7 +75,7 @@ def test_the_picture_is_a_png(command, small, tmp_path, options):
     ("name", "options", "start"),
     [
         ("f.json", (), '{\n "nodes"'),
-        ("f.graphml", (), "<graphml"),
+        ("f.graphml", (), "<?xml"),
         ("f.g2o", (), "VERTEX_SE2 0 "),
         ("f.g2o", ("--relaxed",), "VERTEX_SE2 0 "),
         ("f.txt", ("--format", "node-link"), '{\n "directed"'),

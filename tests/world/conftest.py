@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from aprjax.world.build import build_map
 from aprjax.world.model import WorldModel
 from aprjax.world.parts import Appearance, Arc, Place
-from tests.world.rings import LAP, drive
+from aprjax.world.store import load_map
+from tests.world.rings import mapped
 from tests.worlds import free_pose, office, scan_at
 
 SURE = np.diag([1e-4, 1e-4, 1e-5])
@@ -13,8 +13,8 @@ SURE = np.diag([1e-4, 1e-4, 1e-5])
 @pytest.fixture(scope="session")
 def built():
     """A map of one lap and a half round a ring, and the true poses of its scans."""
-    log, truth = drive(seed=3, way=1.45 * LAP)
-    return build_map(log), truth
+    _, path, truth = mapped()
+    return load_map(path), truth
 
 
 @pytest.fixture

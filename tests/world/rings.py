@@ -1,10 +1,16 @@
 """A corridor that leads round in a ring, and a robot that drives in it, in NumPy alone."""
 
+import tempfile
+from functools import cache
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
+from aprjax.cli.main import main
 from aprjax.io.carmen import LogEntry
+from aprjax.io.carmen_writer import write_log
+from aprjax.scan import Scan
 from aprjax.sim.odometry import OdometryConfig, odometry
 from tests.worlds import scan_at
 
@@ -67,3 +73,19 @@ def drive(seed: int, way: float, step: float = 0.5) -> tuple[list[LogEntry], np.
         LogEntry(scan_at(world, pose, noise=0.01, rng=rng), wheel, 0.5 * k, "ROBOTLASER1", None, k)
         for k, (pose, wheel) in enumerate(zip(truth, wheels, strict=True))
     ], truth
+
+
+@cache
+def mapped() -> tuple[Path, Path, np.ndarray]:
+    """A log of a lap and a half, the map that the command line built of it, and the true poses.
+
+    Built once for all tests: what a build compiles is most of the time that they take.
+    """
+    entries, truth = drive(seed=3, way=1.45 * LAP)
+    folder = Path(tempfile.mkdtemp())
+    log, path = folder / "drive.log.gz", folder / "drive.map"
+    scans = Scan.stack([entry.scan for entry in entries], slots=181)
+    wheels = np.array([entry.odometry for entry in entries])
+    write_log(log, scans, wheels, 0.5 * np.arange(len(entries)))
+    assert main(["map", "build", str(log), "--out", str(path)]) == 0
+    return log, path, truth

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from aprjax.scan import Scan
-
 from aprjax.world.build import build_map
 from aprjax.world.parts import Place
 from aprjax.world.plane import distance, relative
@@ -70,7 +69,9 @@ def test_references_are_kept_where_they_add_something(built):
     # Hardly any on the second lap, where there are some already.
     assert sum(scan > 1.2 * LAP / 0.5 for scan in scans) <= 4
     for seen in world.appearances.values():
-        assert seen.place is world.places[seen.scan]
+        placed = world.places[seen.scan]
+        assert seen.place.node == placed.node
+        np.testing.assert_array_equal(seen.place.T_node_laser, placed.T_node_laser)
         assert world.arc_end(seen).neighbour is not None
 
 
