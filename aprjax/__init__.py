@@ -23,3 +23,5 @@ from aprjax.world.parts import WorldModelError as WorldModelError
 from aprjax.world.store import MapFileError as MapFileError
 from aprjax.world.store import load_map as load_map
 from aprjax.world.store import save_map as save_map
+from aprjax.tracking.tracker import HypothesisTracker as HypothesisTracker
+from aprjax.tracking.tracker import TrackerConfig as TrackerConfig

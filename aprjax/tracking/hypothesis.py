@@ -1,0 +1,100 @@
+"""Position hypotheses: volumes in the super space, and what is believed of them (paper 4.A)."""
+
+from dataclasses import dataclass, replace
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array, Float
+
+from aprjax.configuration import threshold
+from aprjax.world.parts import Place
+from aprjax.world.plane import compose, compose_covariance, spread, turn_spread
+
+
+class VolumeConfig(eqx.Module):
+    """How large volumes are, and how certain a centre is at best."""
+
+    radius: Float[Array, ""] = threshold(0.4, "metres: r_i about a centre known exactly")
+    angle: Float[Array, ""] = threshold(np.radians(8), "radians: Δ_i, likewise")
+    deviations: Float[Array, ""] = threshold(2.0, "standard deviations that a volume holds besides")
+    floor: Float[Array, ""] = threshold(0.05, "metres: deviation of a centre just confirmed")
+    turn_floor: Float[Array, ""] = threshold(np.radians(1), "radians, likewise")
+
+    def reset(self, covariance: np.ndarray) -> np.ndarray:
+        """A source's covariance `(3, 3)` with the floors added: the small default of the paper."""
+        floor = np.square([float(self.floor), float(self.floor), float(self.turn_floor)])
+        return np.asarray(covariance, float) + np.diag(floor)
+
+    def size(self, covariance: np.ndarray) -> tuple[float, float]:
+        """r_i in metres and Δ_i in radians about a centre of this covariance `(3, 3)`."""
+        k = float(self.deviations)
+        return (
+            float(self.radius) + k * spread(covariance),
+            float(self.angle) + k * turn_spread(covariance),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """An explicit position hypothesis: the volume V_i and its probability λ_i."""
+
+    number: int
+    """Its name for as long as it lives; never given twice."""
+    place: Place
+    """The centre c_i: the laser's pose in the frame of the home node."""
+    covariance: np.ndarray
+    """`(3, 3)` of the centre in the node's frame: m², m rad, rad²."""
+    radius: float
+    """r_i in metres."""
+    angle: float
+    """Δ_i in radians."""
+    probability: float
+    """λ_i."""
+    reference: int | None = None
+    """Id of the reference scan that its centre was last seen from."""
+    unconfirmed: float = 0.0
+    """Metres driven since it was created or last confirmed."""
+
+    def moved(self, step: "Step", config: VolumeConfig) -> "Hypothesis":
+        """Carried on by a step of the robot: its volume grows, λ_i stays."""
+        T = self.place.T_node_laser
+        return replace(
+            self.at(
+                Place(self.place.node, compose(T, step.T_before_now)),
+                compose_covariance(T, self.covariance, step.T_before_now, step.covariance),
+                config,
+            ),
+            unconfirmed=self.unconfirmed + step.way,
+        )
+
+    def at(self, place: Place, covariance: np.ndarray, config: VolumeConfig) -> "Hypothesis":
+        """With another centre, and the volume that its covariance `(3, 3)` asks for."""
+        radius, angle = config.size(covariance)
+        return replace(self, place=place, covariance=covariance, radius=radius, angle=angle)
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """How the robot moved, as a tracking source has it."""
+
+    T_before_now: np.ndarray
+    """`(3,)`: the laser's pose now in its frame before the step; metres, radians."""
+    covariance: np.ndarray
+    """`(3, 3)` of it. What a source does not measure has an infinite variance."""
+    doubt: float = 0.0
+    """Probability that the robot moved in quite another way: that it was carried, say."""
+
+    @classmethod
+    def unmeasured(cls, doubt: float = 0.0) -> "Step":
+        """No measurement of the motion at all."""
+        return cls(np.zeros(3), np.diag([np.inf, np.inf, np.inf]), doubt)
+
+    @property
+    def way(self) -> float:
+        """Metres."""
+        return float(np.hypot(self.T_before_now[0], self.T_before_now[1]))
+
+    @property
+    def turn(self) -> float:
+        """Radians, not negative."""
+        return abs(float(self.T_before_now[2]))

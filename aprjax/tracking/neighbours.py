@@ -1,0 +1,97 @@
+"""Poses of different nodes compared in the super space, and estimates that mean one place."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from aprjax.tracking.hypothesis import Hypothesis, VolumeConfig
+from aprjax.tracking.sources import Estimate
+from aprjax.world.model import WorldModel
+from aprjax.world.parts import Place
+from aprjax.world.plane import compose, compose_covariance, distance, relative, spread, turn_spread
+from aprjax.world.super_space import Connection, connections
+
+
+class Neighbours:
+    """The surroundings of nodes in the super space, kept once they have been asked for.
+
+    The world model must not be edited meanwhile.
+    """
+
+    def __init__(self, world: WorldModel, reach: float) -> None:
+        """`reach` bounds the metres along the arcs between nodes that are compared."""
+        self._world, self._reach = world, reach
+        self._known: dict[int, dict[int, Connection]] = {}
+
+    def of(self, node: int) -> dict[int, Connection]:
+        """The nodes within reach, along the least uncertain arcs."""
+        if node not in self._known:
+            self._known[node] = connections(self._world, node, self._reach)
+        return self._known[node]
+
+    def off(self, one: Place, other: Place) -> tuple[np.ndarray, float, float] | None:
+        """`T_one_other`, and the deviation in metres and in radians that the arcs give it.
+
+        None beyond reach.
+        """
+        if one.node == other.node:
+            return relative(one.T_node_laser, other.T_node_laser), 0.0, 0.0
+        link = self.of(one.node).get(other.node)
+        if link is None:
+            return None
+        T = compose(link.T_start_end, other.T_node_laser)
+        covariance = compose_covariance(
+            link.T_start_end, link.covariance, other.T_node_laser, np.zeros((3, 3))
+        )
+        return relative(one.T_node_laser, T), spread(covariance), turn_spread(covariance)
+
+    def within(
+        self, one: Place, other: Place, radius: float, angle: float, deviations: float
+    ) -> bool:
+        """Whether `other` lies in the volume of `radius` metres and `angle` radians around `one`.
+
+        What the arcs between them may be off, so many `deviations` of it, widens the volume.
+        """
+        off = self.off(one, other)
+        if off is None:
+            return False
+        T, way, turn = off
+        return bool(
+            distance(T) <= radius + deviations * way and abs(T[2]) <= angle + deviations * turn
+        )
+
+
+def merge(estimates: Sequence[Estimate], near: Neighbours, config: VolumeConfig) -> list[Estimate]:
+    """Estimates that several references give of one place become one, the most probable of them."""
+    kept: list[Estimate] = []
+    for estimate in sorted(estimates, key=lambda e: -e.probability):
+        size = config.size(estimate.covariance)
+        if not any(
+            near.within(other.place, estimate.place, *size, float(config.deviations))
+            for other in kept
+        ):
+            kept.append(estimate)
+    return kept
+
+
+def seen_from(
+    hypothesis: Hypothesis, near: Neighbours, world: WorldModel
+) -> tuple[int, np.ndarray] | None:
+    """A reference's id near a hypothesis, and the centre `(3,)` in that reference scan's frame.
+
+    It is the one that the hypothesis was confirmed by, or else the nearest of its home node, or of
+    the nodes around. None if there is no reference within reach.
+    """
+    place = hypothesis.place
+    if hypothesis.reference in world.appearances:
+        at = world.appearances[hypothesis.reference].place
+        if at.node == place.node:
+            return hypothesis.reference, relative(at.T_node_laser, place.T_node_laser)
+    best = None
+    for reference, appearance in world.appearances.items():
+        off = near.off(appearance.place, place)
+        if off is not None:
+            key = appearance.place.node != place.node, float(distance(off[0]))
+            if best is None or key < best[0]:
+                best = key, reference, off[0]
+    return None if best is None else best[1:]

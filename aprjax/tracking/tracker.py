@@ -1,0 +1,260 @@
+"""Probabilistic position tracking in the world model: section 4.A of the paper.
+
+`evidence` states the probability model, and where it departs from the paper.
+"""
+
+import logging
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array, Float
+
+from aprjax.configuration import threshold
+from aprjax.tracking.apr import AprSource
+from aprjax.tracking.belief import Belief
+from aprjax.tracking.continuity import ScanContinuity
+from aprjax.tracking.evidence import EvidenceConfig, judged, located, moved, travelled, weight
+from aprjax.tracking.fusion import fuse
+from aprjax.tracking.hypothesis import Hypothesis, Step
+from aprjax.tracking.neighbours import Neighbours, merge
+from aprjax.tracking.odometry import WheelOdometry
+from aprjax.tracking.sources import (
+    Estimate,
+    PrimarySource,
+    Remembers,
+    TrackingSource,
+    ValidationSource,
+    Verdict,
+)
+from aprjax.tracking.state import belief_of_state, state_of_belief
+from aprjax.world.model import WorldModel
+
+_log = logging.getLogger(__name__)
+
+
+class TrackerConfig(eqx.Module):
+    """The probability model, and what is made of sources that are silent or late."""
+
+    evidence: EvidenceConfig = EvidenceConfig()
+    reach: Float[Array, ""] = threshold(12.0, "metres along arcs between poses that are compared")
+    unmeasured: Float[Array, ""] = threshold(
+        0.3, "deviation of a step's numbers that no source measured: metres, radians"
+    )
+    silence: Float[Array, ""] = threshold(3.0, "seconds without motion measured that are allowed")
+    speed: Float[Array, ""] = threshold(
+        0.3, "metres and radians per second: deviation of motion in silence"
+    )
+    astray: Float[Array, ""] = threshold(3.0, "metres, radians: most of it in one silence")
+    late: Float[Array, ""] = threshold(60.0, "seconds; an older stamp is that of a new clock")
+
+
+class HypothesisTracker:
+    """Position hypotheses in a world model, fed by sources of three kinds.
+
+    Call `move` with what tracking sources read and `observe` with what the others do, in the order
+    in which it was measured; `belief` is the answer at any time. Whatever the sources do, neither
+    raises: what cannot be used is logged and left out. The world model must not be edited
+    meanwhile.
+    """
+
+    def __init__(
+        self,
+        world: WorldModel,
+        *,
+        primary: Iterable[PrimarySource] | None = None,
+        tracking: Iterable[TrackingSource] | None = None,
+        validation: Iterable[ValidationSource] = (),
+        config: TrackerConfig | None = None,
+    ) -> None:
+        """By default, the matcher is the primary source, and motion comes from wheel odometry.
+
+        `ScanContinuity` then watches it, if `move` is given the scans. Tracking sources are asked
+        in their order.
+        """
+        self.world = world
+        self.config = TrackerConfig() if config is None else config
+        self.primary = (AprSource(),) if primary is None else tuple(primary)
+        self.tracking = (WheelOdometry(), ScanContinuity()) if tracking is None else tuple(tracking)
+        self.validation = tuple(validation)
+        self.belief = Belief()
+        self._near = Neighbours(world, float(self.config.reach))
+        self._way = 0.0
+        self._heard: dict[str, float] = {}  # the way at each source's last reading
+        self._stamps: dict[str, float] = {}
+        self._measured: float | None = None  # the stamp of the last motion measured
+
+    @property
+    def hypotheses(self) -> tuple[Hypothesis, ...]:
+        """The most probable first."""
+        return self.belief.hypotheses
+
+    @property
+    def rest(self) -> float:
+        """λ_0."""
+        return self.belief.rest
+
+    def move(self, stamp: float | None = None, **readings: Any) -> Belief:
+        """Carry all hypotheses on by what the tracking sources make of their readings.
+
+        `readings` are named as the sources' `reads`, such as `odometry` or `gyro`; one that is
+        missing is no error. `stamp` is their time in seconds.
+        """
+        readings = self._timely("move", stamp, readings)
+        steps: list[Step] = []
+        for source in self.tracking:
+            if source.reads in readings:
+                expected = fuse(steps, float(self.config.unmeasured)) if steps else None
+                step = self._ask(source, source.step, readings[source.reads], expected)
+                if step is not None and _sound(step):
+                    steps.append(step)
+        if steps:
+            self._measured = stamp
+            self._advance(fuse(steps, float(self.config.unmeasured)))
+        return self.belief
+
+    def observe(self, stamp: float | None = None, **readings: Any) -> Belief:
+        """Confirm, punish, create and validate hypotheses by what the other sources read."""
+        readings = self._timely("observe", stamp, readings)
+        self._drift(stamp)
+        evidence = self.config.evidence
+        for number, source in enumerate(self.primary):
+            if source.reads in readings:
+                found = self._ask(source, source.locate, readings[source.reads], self.world)
+                if found is not None:
+                    known = [estimate for estimate in found if self._usable(estimate)]
+                    places = merge(known, self._near, evidence.volume)
+                    count = self._weight(f"primary {number}")
+                    self.belief = located(self.belief, places, count, self._near, evidence)
+        for number, source in enumerate(self.validation):
+            if source.reads in readings and self.belief.hypotheses:
+                verdicts = self._ask(
+                    source, source.judge, readings[source.reads], self.hypotheses, self.world
+                )
+                if verdicts is not None and self._valid(source, verdicts):
+                    count = self._weight(f"validation {number}")
+                    self.belief = judged(self.belief, verdicts, count, self._near, evidence)
+        return self.belief
+
+    def state(self) -> dict[str, Any]:
+        """All that the tracker goes on from, as `json` writes it; the world model is not in it."""
+        return {
+            "belief": state_of_belief(self.belief),
+            "way": self._way,
+            "heard": dict(self._heard),
+            "stamps": dict(self._stamps),
+            "measured": self._measured,
+            "sources": [
+                source.state() if isinstance(source, Remembers) else None
+                for source in self._sources()
+            ],
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from what `state` returned, in the same world and with the same sources.
+
+        What follows is the same to the bit. Raises `ValueError` if the sources are not as many.
+        """
+        if len(state["sources"]) != len(self._sources()):
+            raise ValueError(
+                f"state: {len(state['sources'])} sources, not the tracker's {len(self._sources())}"
+            )
+        self.belief = belief_of_state(state["belief"])
+        self._way, self._measured = state["way"], state["measured"]
+        self._heard, self._stamps = dict(state["heard"]), dict(state["stamps"])
+        for source, own in zip(self._sources(), state["sources"], strict=True):
+            if isinstance(source, Remembers):
+                source.restore(own)
+
+    def _sources(self) -> list[Any]:
+        return [*self.primary, *self.tracking, *self.validation]
+
+    def _advance(self, step: Step) -> None:
+        self._way += travelled(step, self.config.evidence)
+        if step.doubt > 0.5:
+            # The robot sees another place, whatever the way: all evidence is new.
+            self._heard.clear()
+        self.belief = moved(self.belief, step, self.config.evidence)
+
+    def _weight(self, name: str) -> float:
+        """The power with which a source's evidence counts now."""
+        before = self._heard.get(name, -math.inf)
+        self._heard[name] = self._way
+        return weight(self._way - before, self.config.evidence)
+
+    def _drift(self, stamp: float | None) -> None:
+        """Let volumes grow if no motion has been measured for long: the robot may have moved."""
+        if stamp is None or not math.isfinite(stamp):
+            return
+        if self._measured is None or stamp < self._measured:
+            self._measured = stamp
+        elapsed = stamp - self._measured
+        if elapsed > self.config.silence:
+            _log.warning("no motion measured for %.1f s", elapsed)
+            far = min(float(self.config.speed) * elapsed, float(self.config.astray))
+            self._way += far
+            self._measured = stamp
+            self._advance(Step(np.zeros(3), np.diag([far**2, far**2, min(far, 1.0) ** 2])))
+
+    def _timely(self, call: str, stamp: float | None, readings: dict[str, Any]) -> dict[str, Any]:
+        """The readings that are not older than the last ones of their kind.
+
+        Stamps may stand still. One that goes far back is that of a clock that was set anew.
+        """
+        if stamp is None:
+            return readings
+        if not math.isfinite(stamp):
+            _log.warning("%s: the stamp %s is ignored", call, stamp)
+            return readings
+        timely = {}
+        for name, reading in readings.items():
+            key = f"{call} {name}"
+            back = self._stamps.get(key, stamp) - stamp
+            if 0 < back <= self.config.late:
+                _log.warning("%s: %s came %.3f s too late and is left out", call, name, back)
+                continue
+            if back > 0:
+                _log.warning("%s: the clock of %s went back by %.1f s", call, name, back)
+            self._stamps[key] = stamp
+            timely[name] = reading
+        return timely
+
+    def _ask(self, source: Any, question: Callable[..., Any], *about: Any) -> Any:
+        """A source's answer; None, and a line in the log, if it raises."""
+        try:
+            return question(*about)
+        except Exception as error:
+            _log.warning("%s: %s: %s", type(source).__name__, type(error).__name__, error)
+            return None
+
+    def _usable(self, estimate: Estimate) -> bool:
+        sound = (
+            estimate.place.node in self.world.graph
+            and np.all(np.isfinite(estimate.place.T_node_laser))
+            and np.all(np.isfinite(estimate.covariance))
+            and 0.0 <= estimate.probability <= 1.0
+        )
+        if not sound:
+            _log.warning("an estimate is left out: %s", estimate)
+        return bool(sound)
+
+    def _valid(self, source: ValidationSource, verdicts: Sequence[Verdict]) -> bool:
+        """Whether there is a sound verdict for each hypothesis."""
+        sound = len(verdicts) == len(self.hypotheses) and all(
+            math.isfinite(verdict.likelihood)
+            and verdict.likelihood >= 0
+            and (verdict.place is None or verdict.place.node in self.world.graph)
+            for verdict in verdicts
+        )
+        if not sound:
+            _log.warning("%s: its verdicts are left out", type(source).__name__)
+        return sound
+
+
+def _sound(step: Step) -> bool:
+    sound = np.all(np.isfinite(step.T_before_now)) and not np.any(np.isnan(step.covariance))
+    if not sound:
+        _log.warning("a step is left out: %s", step)
+    return bool(sound)
