@@ -16,6 +16,8 @@ from aprjax.matcher import match_batch as match_batch
 from aprjax.references import ReferenceSet as ReferenceSet
 from aprjax.scan import Scan as Scan
 from aprjax.status import Status as Status
+from aprjax.tracking.tracker import HypothesisTracker as HypothesisTracker
+from aprjax.tracking.tracker import TrackerConfig as TrackerConfig
 from aprjax.world.build import MapConfig as MapConfig
 from aprjax.world.build import build_map as build_map
 from aprjax.world.model import WorldModel as WorldModel
@@ -23,5 +25,3 @@ from aprjax.world.parts import WorldModelError as WorldModelError
 from aprjax.world.store import MapFileError as MapFileError
 from aprjax.world.store import load_map as load_map
 from aprjax.world.store import save_map as save_map
-from aprjax.tracking.tracker import HypothesisTracker as HypothesisTracker
-from aprjax.tracking.tracker import TrackerConfig as TrackerConfig

@@ -80,7 +80,8 @@ def end_points(scan: Scan, most: int) -> np.ndarray:
     beams = int(scan.beams)
     ranges = np.asarray(scan.ranges, float)[:beams]
     angles = float(scan.angle_min) + float(scan.angle_increment) * np.arange(beams)
-    hits = np.flatnonzero(np.asarray(scan.hit)[:beams])
+    # `Scan.hit`, without a call to JAX for every scan of a drive.
+    hits = np.flatnonzero((ranges >= float(scan.range_min)) & (ranges <= float(scan.range_max)))
     hits = hits[np.linspace(0, len(hits) - 1, min(most, len(hits))).astype(int)]
     return np.stack([np.cos(angles[hits]), np.sin(angles[hits])], axis=-1) * ranges[hits, None]
 

@@ -14,7 +14,7 @@ ratio is 1. So it is punished when hypotheses are confirmed, and rewarded when t
 
 `missed` is the probability that a primary source does not find a place that it should know;
 `gain` says how much seldomer a wrong estimate falls just there. Readings over a short way see the
-same and err alike. So a ratio counts with the power 1 - exp(-way / independence), `way` being that
+same and err alike. So a ratio counts with the power min(way / independence, 1), `way` being that
 since the source's last reading, turns included: at rest nothing adds up, and over a way the
 evidence does not depend on how often the scanner looks.
 
@@ -79,7 +79,7 @@ def travelled(step: Step, config: EvidenceConfig) -> float:
 
 def weight(way: float, config: EvidenceConfig) -> float:
     """The power with which a ratio counts, `way` metres after the source's last reading."""
-    return -math.expm1(-way / float(config.independence))
+    return min(way / float(config.independence), 1.0)
 
 
 def reward(probability: float, config: EvidenceConfig) -> float:

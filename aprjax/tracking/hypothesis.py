@@ -17,6 +17,8 @@ class VolumeConfig(eqx.Module):
     radius: Float[Array, ""] = threshold(0.4, "metres: r_i about a centre known exactly")
     angle: Float[Array, ""] = threshold(np.radians(8), "radians: Δ_i, likewise")
     deviations: Float[Array, ""] = threshold(2.0, "standard deviations that a volume holds besides")
+    largest: Float[Array, ""] = threshold(4.0, "metres: r_i at most")
+    widest: Float[Array, ""] = threshold(np.radians(90), "radians: Δ_i at most")
     floor: Float[Array, ""] = threshold(0.05, "metres: deviation of a centre just confirmed")
     turn_floor: Float[Array, ""] = threshold(np.radians(1), "radians, likewise")
 
@@ -28,10 +30,9 @@ class VolumeConfig(eqx.Module):
     def size(self, covariance: np.ndarray) -> tuple[float, float]:
         """r_i in metres and Δ_i in radians about a centre of this covariance `(3, 3)`."""
         k = float(self.deviations)
-        return (
-            float(self.radius) + k * spread(covariance),
-            float(self.angle) + k * turn_spread(covariance),
-        )
+        radius = float(self.radius) + k * spread(covariance)
+        angle = float(self.angle) + k * turn_spread(covariance)
+        return min(radius, float(self.largest)), min(angle, float(self.widest))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,153 @@
+import numpy as np
+import pytest
+
+from aprjax.scan import Scan
+from aprjax.tracking.apr import AprSource, MatchedSource, estimates
+from aprjax.tracking.continuity import ScanContinuity, end_points
+from aprjax.tracking.fusion import fuse
+from aprjax.tracking.hypothesis import Step
+from aprjax.tracking.neighbours import Neighbours, seen_from
+from aprjax.tracking.odometry import Gyro, OdometryConfig, WheelOdometry
+from aprjax.world.parts import Place
+from tests.tracking.worlds import EXACT, at, corridor, drive, sure, tracker
+from tests.worlds import office, scan_at
+
+
+def test_the_first_odometry_gives_no_step_and_the_others_the_relative_motion():
+    odometry = WheelOdometry()
+    assert odometry.step([5.0, 1.0, np.pi / 2], None) is None
+    step = odometry.step([5.0, 2.0, np.pi], None)
+    np.testing.assert_allclose(step.T_before_now, [1, 0, np.pi / 2], atol=1e-12)
+
+
+def test_a_robot_at_rest_has_no_error():
+    odometry = WheelOdometry()
+    odometry.step([1.0, 2.0, 3.0], None)
+    np.testing.assert_array_equal(odometry.step([1.0, 2.0, 3.0], None).covariance, EXACT)
+
+
+def test_odometry_grows_with_the_way_and_does_not_depend_on_the_length_of_the_steps():
+    model = WheelOdometry(OdometryConfig(slip=0.0, turn=0.0))
+    one = model.covariance(np.array([1.0, 0, 0.5]))
+    tenth = model.covariance(np.array([0.1, 0, 0.05]))
+    np.testing.assert_allclose(10 * tenth, one, rtol=1e-6)
+    assert np.all(np.diag(model.covariance(np.array([2.0, 0, 0.5]))) > np.diag(one))
+
+
+@pytest.mark.parametrize("reading", [[1.0, 2.0], [0.0, np.nan, 0.0], None, "pose"])
+def test_odometry_that_is_no_pose_is_refused(reading):
+    with pytest.raises((ValueError, TypeError)):
+        WheelOdometry().step(reading, None)
+
+
+def test_odometry_that_starts_anew_is_left_out_and_goes_on_from_there(caplog):
+    made = tracker(tracking=[WheelOdometry()])
+    made.observe(estimates=[at()])
+    for x in (0.0, 50.0, 51.0):
+        made.move(odometry=[x, 0.0, 0.0])
+    assert made.belief.best.place.T_node_laser[0] == pytest.approx(1.0)
+    assert "new start" in caplog.text
+
+
+def test_a_gyro_measures_turns_across_the_half_turn_and_no_way():
+    gyro = Gyro()
+    assert gyro.step(3.1, None) is None
+    step = gyro.step(-3.1, None)
+    assert step.T_before_now[2] == pytest.approx(2 * np.pi - 6.2)
+    assert np.isinf(step.covariance[0, 0])
+
+
+def test_one_measured_step_is_passed_on_as_it_is():
+    step = drive(1.0, 0.2, 0.1, deviation=0.1)
+    fused = fuse([step, Step.unmeasured()], 0.3)
+    np.testing.assert_array_equal(fused.T_before_now, step.T_before_now)
+    np.testing.assert_array_equal(fused.covariance, step.covariance)
+
+
+def test_two_measured_steps_are_weighed_by_their_covariances():
+    fused = fuse([drive(1.0, deviation=0.1), drive(2.0, deviation=0.2)], 0.3)
+    assert fused.T_before_now[0] == pytest.approx(1.2)
+    assert fused.covariance[0, 0] == pytest.approx(0.1**2 * 0.2**2 / (0.1**2 + 0.2**2))
+
+
+def test_turns_of_two_sources_are_averaged_across_the_half_turn():
+    fused = fuse([drive(0, 0, 3.1, 0.1), drive(0, 0, -3.1, 0.1)], 0.3)
+    assert abs(fused.T_before_now[2]) == pytest.approx(np.pi, abs=1e-6)
+
+
+def test_what_no_source_measured_has_the_deviation_of_the_unmeasured():
+    gyro = Step(np.array([0, 0, 0.5]), np.diag([np.inf, np.inf, 1e-4]))
+    fused = fuse([gyro], 0.3)
+    np.testing.assert_allclose(fused.T_before_now, [0, 0, 0.5], atol=1e-9)
+    np.testing.assert_allclose(np.diag(fused.covariance), [0.09, 0.09, 1e-4], rtol=1e-6)
+
+
+def test_doubts_of_several_sources_add_up():
+    assert fuse([drive(doubt=0.5), Step.unmeasured(0.5)], 0.3).doubt == pytest.approx(0.75)
+
+
+def test_scans_of_one_drive_go_on_from_each_other_and_others_do_not():
+    world = office(seed=3)
+    here, there, elsewhere = [2.0, 2.0, 0.3], [2.5, 2.15, 0.4], [9.0, 7.0, 2.0]
+    scans = [scan_at(world, np.array(pose)) for pose in (here, there, elsewhere)]
+    source = ScanContinuity()
+    assert source.step(scans[0], None) is None
+    step = drive(0.55, 0.0, 0.15)
+    assert source.step(scans[1], step).doubt == 0
+    assert source.step(scans[2], drive(0.0)).doubt > 0.5
+
+
+def test_a_scan_without_hits_is_doubted_by_nobody():
+    blind = Scan.make(np.full(20, np.inf), angle_min=-1, angle_increment=0.1, range_max=8)
+    source = ScanContinuity()
+    assert source.step(blind, None) is None
+    assert source.step(blind, drive()) is None
+
+
+def test_end_points_are_the_hits_in_the_frame_of_the_laser():
+    scan = Scan.make([1.0, np.inf, 2.0], angle_min=0.0, angle_increment=np.pi / 4, range_max=8)
+    np.testing.assert_allclose(end_points(scan, 9), [[1, 0], [0, 2]], atol=1e-6)
+
+
+def test_results_of_the_matcher_become_poses_in_the_home_nodes_of_their_references():
+    class Result:
+        valid = np.array([True, True, False])
+        probability = np.array([0.9, 0.001, 0.0])
+        reference = np.array([1, 2, -1])
+        T_ref_query = np.array([[0.5, 0.1, 0.2], [0, 0, 0], [0, 0, 0]])
+        covariance = np.tile(0.01 * np.eye(3), (3, 1, 1))
+
+    (found,) = estimates(Result(), corridor())
+    assert (found.place.node, found.reference, found.probability) == (1, 1, 0.9)
+    np.testing.assert_allclose(found.place.T_node_laser, [0.5, 0.1, 0.2])
+    assert MatchedSource.reads != AprSource.reads
+
+
+def test_poses_of_two_nodes_are_compared_along_the_arcs_with_their_error():
+    near = Neighbours(corridor(deviation=0.1), 12.0)
+    T, way, turn = near.off(Place(0, np.array([3.0, 0, 0])), Place(1, np.array([0.0, 1.0, 0.5])))
+    np.testing.assert_allclose(T, [1, 1, 0.5])
+    assert way > 0.1
+    assert turn == pytest.approx(0.01)
+
+
+def test_a_hypothesis_is_told_from_the_reference_that_confirmed_it():
+    world = corridor()
+    made = sure(world=world, node=0)
+    made.move(step=drive(3.5))
+    near = Neighbours(world, 12.0)
+    reference, T_ref_laser = seen_from(made.belief.best, near, world)
+    assert world.appearances[reference].scan == 10
+    np.testing.assert_allclose(T_ref_laser, [3.5, 0, 0])
+
+
+def test_without_that_reference_the_nearest_of_the_home_node_is_taken_or_one_around_it():
+    world = corridor()
+    made = sure(world=world, node=1, x=1.5)
+    near = Neighbours(world, 12.0)
+    world.remove_references([1])
+    reference, T_ref_laser = seen_from(made.belief.best, near, world)
+    assert world.appearances[reference].scan == 12
+    np.testing.assert_allclose(T_ref_laser, [-2.5, 0, 0], atol=1e-9)
+    world.remove_references([0, 2])
+    assert seen_from(made.belief.best, near, world) is None

@@ -1,0 +1,534 @@
+import inspect
+import json
+import logging
+
+import numpy as np
+import pytest
+
+from aprjax.tracking.belief import Situation
+from aprjax.tracking.evidence import EvidenceConfig
+from aprjax.tracking.odometry import Gyro, WheelOdometry
+from aprjax.tracking.sources import Estimate, Verdict
+from aprjax.tracking.tracker import TrackerConfig
+from aprjax.world.parts import Place
+from aprjax.world.plane import distance
+from tests.tracking.worlds import (
+    EXACT,
+    Told,
+    approve,
+    at,
+    corridor,
+    drive,
+    sure,
+    total,
+    tracker,
+)
+
+CONFIG = EvidenceConfig()
+
+
+def only(made):
+    assert len(made.hypotheses) == 1
+    return made.hypotheses[0]
+
+
+# Creation
+
+
+def test_an_estimate_in_no_volume_becomes_a_hypothesis_of_low_probability_in_its_home_node():
+    made = tracker()
+    made.observe(estimates=[at(1, 0.5, 0.2, 0.3)])
+    new = only(made)
+    assert new.place.node == 1
+    np.testing.assert_array_equal(new.place.T_node_laser, [0.5, 0.2, 0.3])
+    assert 0 < new.probability <= CONFIG.initial
+    assert made.rest == pytest.approx(1 - new.probability)
+
+
+def test_a_better_estimate_begins_with_more():
+    begun = []
+    for probability in (0.2, 0.8):
+        made = tracker()
+        made.observe(estimates=[at(probability=probability)])
+        begun.append(only(made).probability)
+    assert begun[0] < begun[1]
+
+
+def test_estimates_of_one_place_by_several_references_make_one_hypothesis():
+    made = tracker()
+    # Node 1 lies four metres ahead: all three are one pose.
+    made.observe(estimates=[at(0, 4.0), at(1, 0.05, probability=0.95), at(2, -4.0)])
+    assert only(made).place.node == 1
+    assert only(made).reference == 1
+
+
+# Confirmation
+
+
+def test_a_confirmed_hypothesis_takes_the_estimate_as_centre_and_a_small_volume():
+    made = sure()
+    before = made.belief.best
+    made.move(step=drive(1.0, deviation=0.3))
+    grown = made.belief.best
+    made.observe(estimates=[at(0, 1.2, 0.1, 0.05)])
+    after = made.belief.best
+    assert after.number == before.number
+    np.testing.assert_allclose(after.place.T_node_laser, [1.2, 0.1, 0.05])
+    assert grown.radius > after.radius == pytest.approx(before.radius)
+    assert grown.unconfirmed > after.unconfirmed == 0
+
+
+def test_of_several_estimates_in_a_volume_the_most_probable_confirms():
+    made = sure()
+    made.move(step=drive(1.0, deviation=0.6))
+    made.observe(estimates=[at(0, 0.4, probability=0.4), at(0, 1.5, probability=0.9)])
+    np.testing.assert_allclose(made.belief.best.place.T_node_laser[0], 1.5)
+
+
+def test_an_estimate_that_is_hardly_trusted_rewards_but_does_not_move():
+    made = sure()
+    made.move(step=drive(1.0))
+    made.observe(estimates=[at(0, 1.2, probability=0.2)])
+    assert made.belief.best.place.T_node_laser[0] == pytest.approx(1.0)
+
+
+def test_a_robot_that_passes_into_the_next_region_keeps_its_hypothesis():
+    made = sure()
+    number = made.belief.best.number
+    for _ in range(4):
+        made.move(step=drive(0.95, deviation=0.03))
+    made.observe(estimates=[at(1, -0.1, 0.05)])
+    after = made.belief.best
+    assert (after.number, after.place.node, after.reference) == (number, 1, 1)
+    np.testing.assert_allclose(after.place.T_node_laser, [-0.1, 0.05, 0])
+
+
+@pytest.mark.parametrize(("deviation", "hypotheses"), [(0.02, 2), (0.5, 1)])
+def test_the_error_of_an_arc_widens_the_volume_beyond_it(deviation, hypotheses):
+    made = sure(world=corridor(deviation=deviation))
+    made.move(step=drive(3.0))
+    made.observe(estimates=[at(1, -0.1)])
+    assert len(made.hypotheses) == hypotheses
+
+
+def test_a_pose_beyond_reach_confirms_nothing():
+    world = corridor(nodes=8)
+    made = sure(world=world)
+    made.observe(estimates=[at(7, -28.0)])
+    assert len(made.hypotheses) == 2
+
+
+# Reward, punishment, deletion, the rest
+
+
+def test_rewards_grow_with_the_probability_of_the_estimate():
+    left = []
+    for probability in (0.3, 0.6, 0.9):
+        made = tracker()
+        made.observe(estimates=[at(probability=0.5)])
+        made.move(step=drive())
+        made.observe(estimates=[at(0, 1.0, probability=probability)])
+        left.append(only(made).probability)
+    assert left == sorted(set(left))
+
+
+def test_an_unconfirmed_hypothesis_is_punished_by_the_likelihood_of_a_miss():
+    made = tracker()
+    made.observe(estimates=[at(0), at(2)])
+    made.move(step=drive())
+    before = {h.number: h.probability / made.rest for h in made.hypotheses}
+    made.observe(estimates=[at(0, 1.0)])
+    after = {h.number: h.probability / made.rest for h in made.hypotheses}
+    confirmed = made.belief.best.number
+    (other,) = set(after) - {confirmed}
+    assert after[confirmed] > before[confirmed]
+    assert after[other] == pytest.approx(before[other] * CONFIG.missed)
+
+
+def test_a_hypothesis_under_the_threshold_is_deleted_and_the_rest_has_its_share():
+    made = tracker()
+    made.observe(estimates=[at(0)])
+    for _ in range(10):
+        made.move(step=drive())
+        made.observe(estimates=[])
+    assert made.hypotheses == ()
+    assert made.rest == 1.0
+
+
+def test_the_rest_grows_while_nothing_is_confirmed_and_shrinks_when_something_is():
+    made = sure()
+    rests = []
+    for _ in range(3):
+        made.move(step=drive())
+        made.observe(estimates=[])
+        rests.append(made.rest)
+    assert rests == sorted(set(rests))
+    made.move(step=drive())
+    made.observe(estimates=[at(1, 0.0)])
+    assert made.rest < rests[-1]
+
+
+def test_the_rest_never_vanishes():
+    made = sure(times=50)
+    assert made.rest == pytest.approx(float(CONFIG.rest))
+
+
+def test_the_probabilities_sum_to_one_at_every_step():
+    rng = np.random.default_rng(3)
+    made = tracker(corridor(nodes=5))
+    for _ in range(300):
+        act = rng.integers(4)
+        if act == 0:
+            made.move(step=drive(rng.uniform(0, 1), deviation=0.1, doubt=rng.choice([0.0, 0.9])))
+        elif act == 1:
+            made.observe(verdict=lambda h: Verdict(rng.uniform(0, 5)))
+        else:
+            seen = [
+                at(
+                    int(rng.integers(5)),
+                    *rng.uniform(-2, 2, 3),
+                    probability=rng.choice([0, 0.3, 1.0]),
+                )
+                for _ in range(rng.integers(4))
+            ]
+            made.observe(estimates=seen)
+        values = [h.probability for h in made.hypotheses]
+        assert total(made.belief) == pytest.approx(1, abs=1e-12)
+        assert values == sorted(values, reverse=True)
+        assert all(value >= 0 for value in [*values, made.rest])
+
+
+def test_no_more_hypotheses_than_the_capacity_are_kept_and_the_strongest_are():
+    config = TrackerConfig(evidence=EvidenceConfig(hypotheses=3))
+    made = tracker(corridor(nodes=8), config=config)
+    made.observe(estimates=[at(n, probability=0.1 * (n + 1)) for n in range(8)])
+    assert {h.place.node for h in made.hypotheses} == {5, 6, 7}
+    assert total(made.belief) == pytest.approx(1)
+
+
+def test_hypotheses_that_meet_become_one():
+    made = tracker()
+    made.observe(estimates=[at(0, 0.0), at(0, 1.0)])
+    assert len(made.hypotheses) == 2
+    made.observe(verdict=lambda h: Verdict(2.0, Place(0, np.array([0.5, 0, 0])), EXACT))
+    assert len(made.hypotheses) == 1
+
+
+# Standing still, and the kidnapped robot
+
+
+def test_a_false_match_repeated_at_standstill_adds_nothing():
+    made = tracker()
+    made.observe(estimates=[at()])
+    once = only(made).probability
+    for _ in range(100):
+        made.move(step=drive(0.0))
+        made.observe(estimates=[at()])
+    assert only(made).probability == pytest.approx(once)
+
+
+def test_the_same_way_gives_the_same_evidence_however_often_the_scanner_looks():
+    found = []
+    for steps in (2, 20):
+        made = tracker()
+        made.observe(estimates=[at(probability=0.5)])
+        for step in range(steps):
+            made.move(step=drive(1.0 / steps))
+            made.observe(estimates=[at(0, (step + 1) / steps, probability=0.2)])
+        found.append(only(made).probability)
+    assert found[0] == pytest.approx(found[1], rel=0.02)
+
+
+def test_a_robot_that_was_carried_away_is_found_again():
+    made = sure(times=20)
+    far = 0
+    for step in range(8):
+        made.move(step=drive(0.5, deviation=0.02))
+        made.observe(estimates=[at(2, 0.5 * step, probability=0.97)])
+        far = step
+        if made.belief.situation is Situation.TRACKING and made.belief.best.place.node == 2:
+            break
+    assert 0.5 * (far + 1) <= 3.0
+
+
+def test_a_doubted_step_moves_weight_to_the_rest_and_makes_evidence_new():
+    made = sure()
+    before = made.belief.best.probability
+    made.move(step=drive(0.0, doubt=0.9))
+    assert made.belief.best.probability == pytest.approx(0.1 * before)
+    doubted = made.belief.best.probability
+    made.observe(estimates=[at(probability=0.99)])
+    assert made.belief.best.probability > doubted
+
+
+# Tracking
+
+
+def test_volumes_grow_with_the_way_and_the_proportions_of_the_probabilities_stay():
+    made = tracker()
+    made.observe(estimates=[at(0, probability=0.9), at(2, probability=0.3)])
+    before = made.hypotheses
+    made.move(step=drive(1.0, deviation=0.1))
+    after = made.hypotheses
+    for old, new in zip(before, after, strict=True):
+        assert new.number == old.number
+        assert new.radius > old.radius
+        assert new.angle > old.angle
+        assert distance(new.place.T_node_laser - old.place.T_node_laser) == pytest.approx(1.0)
+    ratio = [hs[0].probability / hs[1].probability for hs in (before, after)]
+    assert ratio[0] == pytest.approx(ratio[1])
+
+
+def test_a_gyro_makes_headings_better_than_odometry_alone_has_them():
+    poses = np.array([[0, 0, 0], [1.0, 0, 0.3]])
+    spreads = []
+    for sources in ([WheelOdometry()], [WheelOdometry(), Gyro()]):
+        made = tracker(tracking=sources)
+        made.observe(estimates=[at()])
+        for pose, heading in zip(poses, (0.0, 0.25), strict=True):
+            made.move(odometry=pose, gyro=heading)
+        spreads.append((made.belief.best.place.T_node_laser[2], made.belief.best.angle))
+    assert spreads[0][0] == pytest.approx(0.3)
+    assert spreads[1][0] == pytest.approx(0.25, abs=0.01)
+    assert spreads[1][1] < spreads[0][1]
+
+
+# Validation
+
+
+def test_a_validation_source_creates_nothing():
+    made = tracker()
+    made.observe(verdict=approve(5.0))
+    assert made.hypotheses == ()
+    assert made.rest == 1.0
+
+
+def test_a_validation_source_confirms_and_refines():
+    made = tracker()
+    made.observe(estimates=[at(0), at(2)])
+    better = Place(0, np.array([0.1, 0.0, 0.0]))
+    made.observe(
+        verdict=lambda h: Verdict(4.0, better, EXACT) if h.place.node == 0 else Verdict(1.0)
+    )
+    assert made.belief.best.place.node == 0
+    np.testing.assert_array_equal(made.belief.best.place.T_node_laser, better.T_node_laser)
+    assert made.hypotheses[0].probability == pytest.approx(4 * made.hypotheses[1].probability)
+
+
+def test_a_validation_source_can_reject():
+    made = sure()
+    made.observe(verdict=approve(0.001))
+    assert made.belief.situation is Situation.LOST
+
+
+# The answer
+
+
+def test_who_has_seen_nothing_is_lost():
+    belief = tracker().belief
+    assert (belief.situation, belief.probability, belief.covariance) == (Situation.LOST, 1.0, None)
+
+
+def test_who_has_one_strong_hypothesis_is_tracking_and_has_a_covariance():
+    belief = sure().belief
+    assert belief.situation is Situation.TRACKING
+    assert belief.probability == belief.best.probability > 0.9
+    assert np.all(np.linalg.eigvalsh(belief.covariance) > 0)
+
+
+def test_two_places_alike_are_ambiguous():
+    made = tracker()
+    for step in range(4):
+        made.observe(estimates=[at(0, 1.0 * step), at(2, 1.0 * step)])
+        made.move(step=drive())
+    belief = made.belief
+    assert belief.situation is Situation.AMBIGUOUS
+    assert belief.probability == pytest.approx(1 - belief.rest)
+    assert belief.covariance is None
+
+
+# Sources that fail
+
+
+class Broken:
+    reads = "estimates"
+
+    def locate(self, reading, world):
+        raise RuntimeError("no camera")
+
+    def step(self, reading, expected):
+        raise RuntimeError("no wheels")
+
+    def judge(self, reading, hypotheses, world):
+        raise RuntimeError("no judge")
+
+
+def test_a_source_that_raises_is_logged_and_the_tracker_goes_on(caplog):
+    made = tracker(primary=[Broken(), Told()], tracking=[Broken()], validation=[Broken()])
+    with caplog.at_level(logging.WARNING):
+        made.move(estimates=[])
+        made.observe(estimates=[at()])
+    assert only(made).place.node == 0
+    assert [text for text in ("no camera", "no wheels", "no judge") if text in caplog.text] == [
+        "no camera",
+        "no wheels",
+        "no judge",
+    ]
+
+
+@pytest.mark.parametrize(
+    "estimate",
+    [
+        at(99),
+        at(0, np.nan),
+        at(0, probability=1.5),
+        Estimate(Place(0, np.zeros(3)), np.full((3, 3), np.inf), 0.5),
+    ],
+)
+def test_an_estimate_that_means_nothing_is_left_out(estimate, caplog):
+    made = tracker()
+    made.observe(estimates=[estimate, at(1)])
+    assert only(made).place.node == 1
+    assert "left out" in caplog.text
+
+
+@pytest.mark.parametrize("verdicts", [[], [Verdict(np.nan)], [Verdict(-1.0)]])
+def test_verdicts_that_mean_nothing_are_left_out(verdicts):
+    class Odd:
+        reads = "verdict"
+
+        def judge(self, reading, hypotheses, world):
+            return verdicts
+
+    made = sure(validation=[Odd()])
+    before = made.belief
+    assert made.observe(verdict=0) is before
+
+
+def test_a_step_that_is_not_finite_is_left_out():
+    made = sure()
+    before = made.belief
+    assert made.move(step=drive(np.nan)) is before
+
+
+# Time
+
+
+def test_readings_out_of_order_are_left_out(caplog):
+    made = tracker()
+    made.observe(stamp=10.0, estimates=[at()])
+    before = made.belief
+    assert made.observe(stamp=9.9, estimates=[at(2)]) is before
+    assert "too late" in caplog.text
+    made.observe(stamp=10.1, estimates=[at(2)])
+    assert len(made.hypotheses) == 2
+
+
+def test_repeated_readings_and_a_clock_that_stands_still_do_no_harm():
+    made = tracker()
+    for _ in range(5):
+        made.move(stamp=3.0, step=drive(0.0))
+        made.observe(stamp=3.0, estimates=[at()])
+    assert only(made).probability <= CONFIG.initial
+    made.move(stamp=3.0, step=drive(1.0))
+    made.observe(stamp=3.0, estimates=[at(0, 1.0)])
+    assert only(made).probability > CONFIG.initial
+
+
+def test_a_clock_that_is_set_back_does_not_stop_the_tracker(caplog):
+    made = sure()
+    made.observe(stamp=1e9, estimates=[at()])
+    for step in range(3):
+        made.move(stamp=5.0 + step, step=drive())
+        made.observe(stamp=5.0 + step, estimates=[at(0, 1.0 + step)])
+    assert "went back" in caplog.text
+    assert made.belief.best.unconfirmed == 0
+
+
+def test_a_stamp_that_is_no_number_is_as_good_as_none():
+    made = tracker()
+    made.observe(stamp=np.nan, estimates=[at()])
+    assert only(made).place.node == 0
+
+
+def test_minutes_without_odometry_make_volumes_grow_but_not_without_bound(caplog):
+    made = tracker()
+    made.move(stamp=0.0, step=drive())
+    made.observe(stamp=0.0, estimates=[at()])
+    radii = []
+    for stamp in (1.0, 5.0, 600.0):
+        made.observe(stamp=stamp, other=None)
+        radii.append(made.belief.best.radius)
+    assert radii[0] < radii[1] < radii[2] == pytest.approx(float(CONFIG.volume.largest))
+    assert "no motion measured" in caplog.text
+
+
+def test_readings_that_no_source_takes_are_no_error():
+    made = sure()
+    before = made.belief
+    assert made.move(wifi=3) is before
+    assert made.observe(wifi=3) is before
+
+
+# Saving
+
+
+def test_a_saved_and_restored_tracker_goes_on_the_same_to_the_bit():
+    def sources():
+        return {"tracking": [WheelOdometry(), Gyro()]}
+
+    def drive_on(made, steps, start):
+        rng = np.random.default_rng(start)
+        for k in range(start, start + steps):
+            made.move(stamp=0.1 * k, odometry=[0.3 * k, 0.01 * k, 0.02 * k], gyro=0.019 * k)
+            seen = [at(int(rng.integers(3)), *rng.uniform(-1, 1, 3), probability=rng.uniform())]
+            made.observe(stamp=0.1 * k, estimates=seen, verdict=approve(rng.uniform(0.5, 2)))
+        return made
+
+    whole = drive_on(tracker(**sources()), 20, 0)
+    saved = json.dumps(whole.state())
+    restored = tracker(**sources())
+    restored.restore(json.loads(saved))
+    drive_on(whole, 20, 20)
+    drive_on(restored, 20, 20)
+    assert len(whole.hypotheses) > 2
+    assert json.dumps(restored.state()) == json.dumps(whole.state())
+
+
+def test_a_state_of_other_sources_is_refused():
+    with pytest.raises(ValueError, match="sources"):
+        tracker(validation=[]).restore(tracker().state())
+
+
+# A source of the user's own
+
+
+class Beacon:
+    """A radio beacon that is heard within three metres of a place."""
+
+    reads = "beacon"
+
+    def __init__(self, place):
+        self.place = place
+
+    def judge(self, reading, hypotheses, world):
+        verdicts = []
+        for hypothesis in hypotheses:
+            same = hypothesis.place.node == self.place.node
+            off = hypothesis.place.T_node_laser - self.place.T_node_laser
+            near = same and np.hypot(off[0], off[1]) < 3.0
+            verdicts.append(Verdict(4.0 if near == reading else 0.25))
+        return verdicts
+
+
+def test_a_beacon_is_a_source_in_twenty_lines():
+    assert len(inspect.getsource(Beacon).splitlines()) <= 20
+    made = tracker(validation=[Beacon(Place(2, np.zeros(3)))])
+    made.observe(estimates=[at(0), at(2)])
+    made.observe(beacon=True)
+    assert made.belief.best.place.node == 2
+    made.move(step=drive(0.0))
+    made.move(step=drive(3.0, deviation=0.1))
+    made.observe(beacon=True)
+    made.observe(beacon=True)
+    assert made.hypotheses[0].probability < 1
