@@ -2,7 +2,8 @@
 
 import csv
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,6 +23,44 @@ MATCH_COLUMNS = (
     "beams",
     "probability",
 )
+
+HYPOTHESIS_COLUMNS = (
+    "scan",
+    "rank",
+    "reference",
+    "x",
+    "y",
+    "theta",
+    "radius",
+    "angle",
+    "probability",
+    "rest",
+    "node",
+    "situation",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class HypothesisRow:
+    """One position hypothesis after one scan; without `reference`, that there is none."""
+
+    scan: int
+    rank: int
+    """0 for the most probable hypothesis after this scan."""
+    reference: int | None = None
+    """Number of a scan in the log that the map was built from."""
+    T_ref_laser: np.ndarray | None = None
+    """`(3,)` in that scan's frame: metres, radians."""
+    radius: float | None = None
+    """r_i in metres."""
+    angle: float | None = None
+    """Δ_i in radians."""
+    probability: float | None = None
+    """λ_i."""
+    rest: float = 1.0
+    """λ_0."""
+    node: int | None = None
+    situation: str = ""
 
 
 def write_matches(
@@ -82,6 +121,30 @@ def write_matches(
                 )
             if not hypotheses.size:
                 table.writerow((query, 0, *[""] * 6, outcome, "", "", ""))
+
+
+def write_hypotheses(path: str | os.PathLike[str], rows: Iterable[HypothesisRow]) -> None:
+    """Write rows of position hypotheses, ordered by scan and rank.
+
+    Floats have the fewest digits that read back as the same number, so that the probabilities of
+    a scan still sum to one. Complete or not there: see `atomic_write`. Raises `OSError`.
+    """
+    with atomic_write(path) as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(HYPOTHESIS_COLUMNS)
+        for row in rows:
+            pose = [None] * 3 if row.T_ref_laser is None else row.T_ref_laser
+            numbers = (*pose, row.radius, row.angle, row.probability, row.rest)
+            table.writerow(
+                (
+                    row.scan,
+                    row.rank,
+                    row.reference,
+                    *(None if number is None else repr(float(number)) for number in numbers),
+                    row.node,
+                    row.situation,
+                )
+            )
 
 
 def _shortest(value: float) -> str:

@@ -1,0 +1,198 @@
+"""`aprjax localize`: where a robot was in a map, scan by scan, from its scans and odometry."""
+
+import argparse
+import logging
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from aprjax.cli.errors import CommandError
+from aprjax.cli.inputs import warn_of_damage
+from aprjax.cli.outputs import check_output
+from aprjax.cli.progress import Progress
+from aprjax.io.carmen import LogEntry, LogError, read_log
+from aprjax.io.tables import HypothesisRow, write_hypotheses
+from aprjax.io.trajectory import write_tum
+from aprjax.matcher import MatchConfig, match_batch
+from aprjax.scan import Scan
+from aprjax.tracking.apr import MatchedSource
+from aprjax.tracking.belief import Belief, Situation
+from aprjax.tracking.neighbours import Neighbours, seen_from
+from aprjax.tracking.tracker import HypothesisTracker
+from aprjax.world.model import WorldModel
+from aprjax.world.plane import compose
+from aprjax.world.store import MapFileError, load_map
+from aprjax.world.super_space import assemble
+
+_PIECE = 64  # scans matched in one call
+_REACH = 12.0  # metres to a reference that a pose is told from
+
+
+def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add the subcommand to those of the parser."""
+    parser = commands.add_parser(
+        "localize",
+        help="track position hypotheses in a map",
+        description="Localize a robot in a map from its scans and raw odometry, from nothing known "
+        "and through kidnappings. After each scan, the table has a row for every hypothesis.",
+    )
+    parser.add_argument("map", type=Path, metavar="MAP", help="a map that `map build` wrote")
+    parser.add_argument("log", type=Path, metavar="LOG", help="a log with odometry")
+    parser.add_argument(
+        "--out", required=True, metavar="F.csv", help="the table to write; - is standard output"
+    )
+    parser.add_argument(
+        "--tum",
+        type=Path,
+        metavar="F.tum",
+        help="also write the strongest hypotheses where the robot is not lost, as a trajectory in "
+        "the map's assembled frame",
+    )
+    parser.add_argument(
+        "--strict", action="store_true", help="stop at a damaged line instead of skipping it"
+    )
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Carry out the subcommand. Raises `CommandError` and `OSError`."""
+    for out in (None if arguments.out == "-" else Path(arguments.out), arguments.tum):
+        if out is not None:
+            check_output(out, arguments.map, arguments.log)
+    world = _load(arguments.map)
+    entries = _read(arguments)
+    # One line for each trouble of a source; progress is on the same stream.
+    logging.basicConfig(format="aprjax: %(message)s", stream=sys.stderr)
+    start = time.monotonic()
+    beliefs = _track(world, entries)
+    rows = _rows(world, beliefs)
+    _write(arguments.out, rows)
+    if arguments.tum:
+        _write_trajectory(arguments.tum, world, entries, beliefs)
+    _summarise(beliefs, time.monotonic() - start)
+
+
+def _load(path: Path) -> WorldModel:
+    try:
+        world = load_map(path)
+    except MapFileError as error:
+        raise CommandError(str(error)) from None
+    if not world.appearances:
+        raise CommandError(f"{path}: the map has no reference scans")
+    return world
+
+
+def _read(arguments: argparse.Namespace) -> list[LogEntry]:
+    try:
+        log = read_log(arguments.log, strict=arguments.strict)
+        entries = list(log)
+    except LogError as error:
+        raise CommandError(str(error)) from None
+    warn_of_damage(arguments.log, log.report)
+    if any(entry.odometry is None for entry in entries):
+        raise CommandError(f"{arguments.log}: there is no odometry to track with")
+    return entries
+
+
+def _track(world: WorldModel, entries: list[LogEntry]) -> list[Belief]:
+    """What is believed after each scan."""
+    tracker = HypothesisTracker(world, primary=[MatchedSource()])
+    beliefs = []
+    with Progress("localizing", len(entries)) as progress:
+        for piece, results in _matched(world, entries):
+            for number, entry in enumerate(piece):
+                # Stamps of logs may be constant or made up: the order of the lines is the time.
+                tracker.move(odometry=entry.odometry, scan=entry.scan)
+                match = jax.tree.map(lambda array: array[number], results)  # noqa: B023
+                beliefs.append(tracker.observe(match=match, scan=entry.scan))
+            progress.advance(len(piece))
+    return beliefs
+
+
+def _matched(world: WorldModel, entries: list[LogEntry]) -> Iterator[tuple[list[LogEntry], Any]]:
+    """The entries in pieces, each with what the matcher makes of its scans.
+
+    The matcher knows nothing of the scans before, so that many can be matched in one call; empty
+    ones fill up the last piece.
+    """
+    size = min(_PIECE, len(entries))
+    slots = max(int(entry.scan.beams) for entry in entries)
+    for start in range(0, len(entries), size):
+        piece = entries[start : start + size]
+        batch = Scan.stack([entry.scan for entry in piece], slots).pad_batch(size)
+        yield piece, match_batch(batch, world.references, MatchConfig(hypotheses=10))
+
+
+def _rows(world: WorldModel, beliefs: list[Belief]) -> list[HypothesisRow]:
+    near = Neighbours(world, _REACH)
+    rows = []
+    for scan, belief in enumerate(beliefs):
+        for rank, hypothesis in enumerate(belief.hypotheses):
+            seen = seen_from(hypothesis, near, world)
+            if seen is None:
+                raise CommandError(f"node {hypothesis.place.node}: no reference scan is near it")
+            reference, T_ref_laser = seen
+            rows.append(
+                HypothesisRow(
+                    scan=scan,
+                    rank=rank,
+                    reference=world.appearances[reference].scan,
+                    T_ref_laser=T_ref_laser,
+                    radius=hypothesis.radius,
+                    angle=hypothesis.angle,
+                    probability=hypothesis.probability,
+                    rest=belief.rest,
+                    node=hypothesis.place.node,
+                    situation=belief.situation.value,
+                )
+            )
+        if not belief.hypotheses:
+            rows.append(HypothesisRow(scan, 0, rest=belief.rest, situation=belief.situation.value))
+    return rows
+
+
+def _write(out: str, rows: list[HypothesisRow]) -> None:
+    if out != "-":
+        write_hypotheses(out, rows)
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        table = Path(folder) / "hypotheses.csv"
+        write_hypotheses(table, rows)
+        sys.stdout.write(table.read_text())
+    sys.stdout.flush()
+
+
+def _write_trajectory(
+    path: Path, world: WorldModel, entries: list[LogEntry], beliefs: list[Belief]
+) -> None:
+    """The best hypotheses where the robot is tracked, in the frame of the first node.
+
+    Parts of the map that this node does not reach have no place in it and are left out.
+    """
+    frame = assemble(world)
+    stamps, poses = [], []
+    for entry, belief in zip(entries, beliefs, strict=True):
+        best = belief.best
+        tracked = belief.situation is Situation.TRACKING
+        if best is not None and tracked and best.place.node in frame:
+            stamps.append(entry.stamp)
+            poses.append(compose(frame[best.place.node], best.place.T_node_laser))
+    write_tum(path, np.array(stamps), np.array(poses).reshape(-1, 3))
+
+
+def _summarise(beliefs: list[Belief], seconds: float) -> None:
+    """One line on standard error."""
+    situations = Counter(belief.situation.value for belief in beliefs)
+    each = 1e3 * seconds / len(beliefs)
+    print(
+        f"{len(beliefs)} scans in {seconds:.1f} s, {each:.1f} ms each with compilation;",
+        ", ".join(f"{name} {count}" for name, count in situations.most_common()),
+        file=sys.stderr,
+    )
