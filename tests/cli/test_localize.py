@@ -107,8 +107,8 @@ def rows_of(text):
 def test_the_table_has_the_columns_that_were_promised_and_rows_for_every_scan(outputs):
     text = outputs[0].read_text()
     assert text.splitlines()[0] == ",".join(HYPOTHESIS_COLUMNS)
-    assert HYPOTHESIS_COLUMNS[:10] == tuple(
-        ["scan", "rank", "reference", "x", "y", "theta", "radius", "angle", "probability", "rest"]
+    assert ",".join(HYPOTHESIS_COLUMNS).startswith(
+        "scan,rank,reference,x,y,theta,radius,angle,probability,rest,"
     )
     rows = rows_of(text)
     assert sorted({int(row["scan"]) for row in rows}) == list(range(8))
