@@ -51,7 +51,7 @@ class EvidenceConfig(eqx.Module):
     gain: Float[Array, ""] = threshold(5.0, "likelihood ratio of a confirmation at even odds")
     most: Float[Array, ""] = threshold(40.0, "largest likelihood ratio of one confirmation")
     missed: Float[Array, ""] = threshold(0.4, "likelihood ratio where nothing confirms")
-    share: Float[Array, ""] = threshold(0.02, "of the rest that lies in one new volume")
+    share: Float[Array, ""] = threshold(0.05, "of the rest that lies in one new volume")
     initial: Float[Array, ""] = threshold(0.3, "most that a new hypothesis begins with")
     least: Float[Array, ""] = threshold(0.002, "λ below which a hypothesis is deleted")
     leak: Float[Array, ""] = threshold(0.015, "share of each λ lost to the rest per metre")

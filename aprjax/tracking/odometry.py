@@ -19,7 +19,7 @@ class OdometryConfig(eqx.Module):
     slip_per_metre: Float[Array, ""] = threshold(0.08, "metres that a metre of way adds")
     slip_per_turn: Float[Array, ""] = threshold(0.04, "metres that a radian adds")
     turn: Float[Array, ""] = threshold(np.radians(0.3), "radians: of a step, at rest")
-    turn_per_metre: Float[Array, ""] = threshold(0.08, "radians that a metre of way adds")
+    turn_per_metre: Float[Array, ""] = threshold(0.15, "radians that a metre of way adds")
     turn_per_turn: Float[Array, ""] = threshold(0.3, "radians that a radian adds")
     jump: Float[Array, ""] = threshold(5.0, "metres of one step that no wheels can have made")
 

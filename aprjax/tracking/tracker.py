@@ -21,6 +21,7 @@ from aprjax.tracking.fusion import fuse
 from aprjax.tracking.hypothesis import Hypothesis, Step
 from aprjax.tracking.neighbours import Neighbours, merge
 from aprjax.tracking.odometry import WheelOdometry
+from aprjax.tracking.scan_motion import ScanMotion
 from aprjax.tracking.sources import (
     Estimate,
     PrimarySource,
@@ -71,13 +72,17 @@ class HypothesisTracker:
     ) -> None:
         """By default, the matcher is the primary source, and motion comes from wheel odometry.
 
-        `ScanContinuity` then watches it, if `move` is given the scans. Tracking sources are asked
-        in their order.
+        If `move` is given the scans too, `ScanMotion` makes it better and `ScanContinuity` notices
+        kidnappings. Tracking sources are asked in their order.
         """
         self.world = world
         self.config = TrackerConfig() if config is None else config
         self.primary = (AprSource(),) if primary is None else tuple(primary)
-        self.tracking = (WheelOdometry(), ScanContinuity()) if tracking is None else tuple(tracking)
+        self.tracking = (
+            (WheelOdometry(), ScanMotion(features=world.features), ScanContinuity())
+            if tracking is None
+            else tuple(tracking)
+        )
         self.validation = tuple(validation)
         self.belief = Belief()
         self._near = Neighbours(world, float(self.config.reach))

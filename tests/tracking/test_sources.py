@@ -1,13 +1,20 @@
+import json
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+import aprjax.tracking.scan_motion as motion
 from aprjax.scan import Scan
+from aprjax.tracking import validation
 from aprjax.tracking.apr import AprSource, MatchedSource, estimates
 from aprjax.tracking.continuity import ScanContinuity, end_points
 from aprjax.tracking.fusion import fuse
-from aprjax.tracking.hypothesis import Step
+from aprjax.tracking.hypothesis import Step, VolumeConfig
+from aprjax.tracking.idc import Idc
 from aprjax.tracking.neighbours import Neighbours, seen_from
 from aprjax.tracking.odometry import Gyro, OdometryConfig, WheelOdometry
+from aprjax.world import alignment
 from aprjax.world.parts import Place
 from tests.tracking.worlds import EXACT, at, corridor, drive, sure, tracker
 from tests.worlds import office, scan_at
@@ -151,3 +158,123 @@ def test_without_that_reference_the_nearest_of_the_home_node_is_taken_or_one_aro
     np.testing.assert_allclose(T_ref_laser, [-2.5, 0, 0], atol=1e-9)
     world.remove_references([0, 2])
     assert seen_from(made.belief.best, near, world) is None
+
+
+class Aligned:
+    """Stands for the kernel, which costs seconds of compilation."""
+
+    def __init__(self, T, agreement):
+        self.T, self.agreement = T, agreement
+
+    def __call__(self, views, first, second, starts, weights, config):
+        assert starts.shape == (1, 7, 3)
+        return alignment.Aligned(
+            np.array([self.T]), 1e-4 * np.eye(3)[None], np.array([self.agreement])
+        )
+
+
+@pytest.fixture
+def scan_motion(monkeypatch):
+    """Makes a source that has seen a scan, and the scan; the views are not computed."""
+    scan = Scan.make(np.ones(9), angle_min=-1.0, angle_increment=0.25, range_max=8.0)
+
+    def make(T, agreement=0.5):
+        view = SimpleNamespace(xy=np.zeros((9, 2)))
+        monkeypatch.setattr(motion, "view_of", lambda scan, features: view)
+        monkeypatch.setattr(motion, "align_pairs", Aligned(np.array(T), agreement))
+        source = motion.ScanMotion()
+        assert source.step(scan, None) is None
+        return source, scan
+
+    return make
+
+
+def test_scans_that_agree_measure_the_step(scan_motion):
+    source, scan = scan_motion([1.0, 0.0, 0.2])
+    step = source.step(scan, drive(1.05, 0.0, 0.25, deviation=0.1))
+    np.testing.assert_allclose(step.T_before_now, [1.0, 0.0, 0.2])
+    assert step.covariance[2, 2] < 0.02**2
+
+
+@pytest.mark.parametrize(("T", "agreement"), [([1.0, 0, 0.2], 0.05), ([3.0, 0, 1.5], 0.5)])
+def test_scans_that_disagree_or_contradict_odometry_measure_nothing(scan_motion, T, agreement):
+    source, scan = scan_motion(T, agreement)
+    assert source.step(scan, drive(1.0, 0.0, 0.2, deviation=0.1)) is None
+
+
+def test_scans_measure_nothing_without_odometry_to_start_from(scan_motion):
+    source, scan = scan_motion([1.0, 0, 0])
+    assert source.step(scan, None) is None
+
+
+def test_scan_motion_is_restored_with_the_last_scan(scan_motion):
+    source, scan = scan_motion([1.0, 0, 0])
+    restored = motion.ScanMotion()
+    restored.restore(json.loads(json.dumps(source.state())))
+    assert json.dumps(restored.state()) == json.dumps(source.state())
+    assert restored.step(scan, drive(deviation=0.1)) is not None
+
+
+def outcome(converged=True, paired=0.7, T=(0.1, 0.0, 0.05)):
+    """What iterative dual correspondence says of four pairs."""
+    return Idc(
+        np.tile(np.array(T), (4, 1)),
+        np.tile(1e-4 * np.eye(3), (4, 1, 1)),
+        np.zeros(4),
+        np.full(4, paired),
+        np.full(4, converged),
+    )
+
+
+@pytest.fixture
+def judged_by_idc(monkeypatch):
+    """Verdicts on hypotheses, given the kernel's outcome."""
+
+    def judge(found, hypotheses, world):
+        monkeypatch.setattr(validation.IdcSource, "_compare", lambda *_: found)
+        return validation.IdcSource().judge(None, hypotheses, world)
+
+    return judge
+
+
+def unconfirmed(x=0.0, deviation=0.0):
+    world = corridor()
+    made = sure(world=world)
+    made.move(step=drive(x, deviation=deviation))
+    made.move(step=drive(1e-3))
+    return made.hypotheses, world
+
+
+def test_idc_that_converges_in_the_volume_confirms_and_refines(judged_by_idc):
+    hypotheses, world = unconfirmed()
+    (verdict,) = judged_by_idc(outcome(), hypotheses, world)
+    assert verdict.likelihood > 1
+    assert (verdict.place.node, verdict.reference) == (0, 0)
+    np.testing.assert_allclose(verdict.place.T_node_laser, [0.1, 0, 0.05])
+
+
+def test_idc_that_pairs_few_hits_does_not_move_a_centre(judged_by_idc):
+    (verdict,) = judged_by_idc(outcome(paired=0.5), *unconfirmed())
+    assert verdict.place is None
+
+
+@pytest.mark.parametrize("found", [outcome(converged=False), outcome(T=(2.0, 0, 0))])
+def test_idc_that_converges_elsewhere_or_not_weakens(judged_by_idc, found):
+    (verdict,) = judged_by_idc(found, *unconfirmed())
+    assert verdict.likelihood < 1
+
+
+def test_idc_says_nothing_where_its_start_is_too_far_off_or_no_reference_is_near(judged_by_idc):
+    for x, deviation in ((0.0, 0.5), (2.0, 0.0)):
+        hypotheses, world = unconfirmed(x, deviation)
+        world.remove_references([1, 2])
+        if x:
+            hypotheses = tuple(h.moved(drive(3.0), VolumeConfig()) for h in hypotheses)
+        (verdict,) = judged_by_idc(outcome(converged=False), hypotheses, world)
+        assert verdict.likelihood == 1
+
+
+def test_idc_does_not_count_a_scan_again_that_has_just_confirmed(judged_by_idc):
+    world = corridor()
+    (verdict,) = judged_by_idc(outcome(), sure(world=world).hypotheses, world)
+    assert verdict.likelihood == 1

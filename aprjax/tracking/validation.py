@@ -1,0 +1,130 @@
+"""Iterative dual correspondence as validation source: does the scan fit where the robot may be?
+
+It needs a start, so it can find no place; but near one it tells far more surely than a single
+global match whether the scan was taken there, and where exactly.
+"""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+
+from aprjax.configuration import capacity, threshold
+from aprjax.scan import Scan
+from aprjax.tracking.hypothesis import Hypothesis
+from aprjax.tracking.idc import Idc, IdcConfig, idc
+from aprjax.tracking.neighbours import Neighbours
+from aprjax.tracking.sources import Verdict
+from aprjax.tracking.views import view_of
+from aprjax.world.model import WorldModel
+from aprjax.world.parts import Place
+from aprjax.world.plane import compose, compose_covariance, distance
+
+_EXACT = np.zeros((3, 3))
+_DEVIATIONS = 2.0  # of the arcs in between, by which a volume is widened
+
+
+class IdcSourceConfig(eqx.Module):
+    """Which hypotheses are compared with what, and what that says.
+
+    The ratios are those of the shares of right and of wrong places at which the correspondence
+    converges within a volume, on the tracks of two public logs: 0.85 and 0.03.
+    """
+
+    idc: IdcConfig = IdcConfig()
+    reach: Float[Array, ""] = threshold(2.5, "metres to a reference that shows the same")
+    turn: Float[Array, ""] = threshold(np.radians(60), "radians to it")
+    least: Float[Array, ""] = threshold(0.02, "λ of hypotheses that are worth the effort")
+    found: Float[Array, ""] = threshold(20.0, "likelihood ratio where it converges in the volume")
+    weak: Float[Array, ""] = threshold(3.0, "likewise, with fewer hits paired than `paired`")
+    paired: Float[Array, ""] = threshold(0.6, "share of paired hits from which a pose is taken")
+    missing: Float[Array, ""] = threshold(0.2, "likelihood ratio where it does not")
+    start: Float[Array, ""] = threshold(0.8, "metres: r_i up to which it should have converged")
+    hypotheses: int = capacity(4, "most hypotheses that are compared with a scan")
+
+
+class IdcSource:
+    """Compares a scan with the reference nearest to each hypothesis.
+
+    Only hypotheses that the same scan's global match did not just confirm are asked about: it is
+    one scan, and counts once. A reading is a `Scan`.
+    """
+
+    reads = "scan"
+
+    def __init__(self, config: IdcSourceConfig | None = None) -> None:
+        self.config = IdcSourceConfig() if config is None else config
+        self._near: Neighbours | None = None
+
+    def judge(
+        self, reading: Scan, hypotheses: Sequence[Hypothesis], world: WorldModel
+    ) -> Sequence[Verdict]:
+        """Verdicts; those on hypotheses without a reference nearby say nothing."""
+        if self._near is None:
+            self._near = Neighbours(world, 2.0 * float(self.config.reach))
+        asked = []
+        for number, hypothesis in enumerate(hypotheses):
+            worth = hypothesis.unconfirmed > 0 and hypothesis.probability >= self.config.least
+            if worth and len(asked) < self.config.hypotheses:
+                reference = self._nearest(hypothesis.place, self._near, world)
+                if reference is not None:
+                    asked.append((number, *reference))
+        verdicts = [Verdict(1.0)] * len(hypotheses)
+        if asked:
+            found = self._compare(reading, asked, world)
+            for row, (number, reference, _) in enumerate(asked):
+                one = jax.tree.map(lambda array: array[row], found)  # noqa: B023
+                verdicts[number] = self._verdict(hypotheses[number], reference, one, world)
+        return verdicts
+
+    def _nearest(
+        self, place: Place, near: Neighbours, world: WorldModel
+    ) -> tuple[int, np.ndarray] | None:
+        """The reference nearest to a place, and the place in its scan's frame."""
+        best = None
+        for reference, appearance in world.appearances.items():
+            off = near.off(appearance.place, place)
+            if off is None or abs(off[0][2]) > self.config.turn:
+                continue
+            far = float(distance(off[0]))
+            key = far + abs(float(off[0][2]))
+            if far <= self.config.reach and (best is None or key < best[0]):
+                best = key, reference, off[0]
+        return None if best is None else best[1:]
+
+    def _compare(
+        self, scan: Scan, asked: list[tuple[int, int, np.ndarray]], world: WorldModel
+    ) -> Idc:
+        """The scan against each reference asked about, on the host.
+
+        Padded to one size, so that it compiles once.
+        """
+        slots, known = self.config.hypotheses, world.references
+        rows, starts = np.zeros(slots, int), np.zeros((slots, 3), np.float32)
+        rows[: len(asked)] = np.searchsorted(known.ids, [reference for _, reference, _ in asked])
+        starts[: len(asked)] = [start for _, _, start in asked]
+        view = view_of(scan, known.index.config)
+        queries = jax.tree.map(lambda array: np.repeat(np.asarray(array)[None], slots, 0), view)
+        views = jax.tree.map(lambda array: np.asarray(array)[rows], known.index.features.view)
+        return jax.device_get(idc(views, queries, starts, self.config.idc))
+
+    def _verdict(
+        self, hypothesis: Hypothesis, reference: int, found: Idc, world: WorldModel
+    ) -> Verdict:
+        """What the outcome `found` against one reference says of one hypothesis."""
+        at = world.appearances[reference].place
+        T_ref_laser = np.asarray(found.T_ref_query, float)
+        place = Place(at.node, compose(at.T_node_laser, T_ref_laser))
+        inside = self._near is not None and self._near.within(
+            hypothesis.place, place, hypothesis.radius, hypothesis.angle, _DEVIATIONS
+        )
+        if found.converged and inside:
+            if found.paired < self.config.paired:
+                return Verdict(float(self.config.weak))
+            covariance = np.asarray(found.covariance, float)
+            in_node = compose_covariance(at.T_node_laser, _EXACT, T_ref_laser, covariance)
+            return Verdict(float(self.config.found), place, in_node, reference)
+        off_start = hypothesis.radius > self.config.start
+        return Verdict(1.0 if off_start else float(self.config.missing))

@@ -1,0 +1,37 @@
+"""Scans as the kernels that compare two of them take them, and as plain numbers."""
+
+import dataclasses
+from typing import Any
+
+import jax
+import numpy as np
+
+from aprjax.evaluation.view import View
+from aprjax.features import FeatureConfig, describe
+from aprjax.numerics import bucket
+from aprjax.scan import Scan
+
+
+def view_of(scan: Scan, config: FeatureConfig) -> View:
+    """The view of one scan, on the host; compiles once for each bucket of beams."""
+    padded = scan.pad(max(bucket(int(scan.beams)), int(np.shape(scan.ranges)[-1])))
+    return jax.device_get(_view(padded, config))
+
+
+@jax.jit
+def _view(scan: Scan, config: FeatureConfig) -> View:
+    return describe(scan, config).view
+
+
+def state_of_scan(scan: Scan) -> dict[str, Any]:
+    """A scan as `json` writes it."""
+    return {f.name: np.asarray(getattr(scan, f.name)).tolist() for f in dataclasses.fields(scan)}
+
+
+def scan_of_state(state: dict[str, Any]) -> Scan:
+    """The scan that `state_of_scan` made `state` of."""
+    arrays: dict[str, Any] = {
+        name: np.asarray(value, np.int32 if name == "beams" else np.float32)
+        for name, value in state.items()
+    }
+    return Scan(**arrays)
