@@ -26,6 +26,7 @@ from aprjax.tracking.apr import MatchedSource
 from aprjax.tracking.belief import Belief, Situation
 from aprjax.tracking.neighbours import Neighbours, seen_from
 from aprjax.tracking.tracker import HypothesisTracker
+from aprjax.tracking.validation import IdcSource
 from aprjax.world.model import WorldModel
 from aprjax.world.plane import compose
 from aprjax.world.store import MapFileError, load_map
@@ -103,7 +104,7 @@ def _read(arguments: argparse.Namespace) -> list[LogEntry]:
 
 def _track(world: WorldModel, entries: list[LogEntry]) -> list[Belief]:
     """What is believed after each scan."""
-    tracker = HypothesisTracker(world, primary=[MatchedSource()])
+    tracker = HypothesisTracker(world, primary=[MatchedSource()], validation=[IdcSource()])
     beliefs = []
     with Progress("localizing", len(entries)) as progress:
         for piece, results in _matched(world, entries):
