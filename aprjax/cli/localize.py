@@ -15,12 +15,14 @@ import numpy as np
 
 from aprjax.cli.errors import CommandError
 from aprjax.cli.inputs import warn_of_damage
-from aprjax.cli.outputs import check_output
+from aprjax.cli.outputs import check_output, make_folder
 from aprjax.cli.progress import Progress
+from aprjax.io.atomic import atomic_write
 from aprjax.io.carmen import LogEntry, LogError, read_log
 from aprjax.io.tables import HypothesisRow, write_hypotheses
 from aprjax.io.trajectory import write_tum
 from aprjax.matcher import MatchConfig, match_batch
+from aprjax.plot.hypotheses import draw_hypotheses, picture_of
 from aprjax.scan import Scan
 from aprjax.tracking.apr import MatchedSource
 from aprjax.tracking.belief import Belief, Situation
@@ -33,6 +35,8 @@ from aprjax.world.store import MapFileError, load_map
 from aprjax.world.super_space import assemble
 
 _PIECE = 64  # scans matched in one call
+_DPI, _FILM_DPI = 110, 60
+_FRAMES = 100  # of a film, at most
 _REACH = 12.0  # metres to a reference that a pose is told from
 
 
@@ -57,6 +61,20 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
         "the map's assembled frame",
     )
     parser.add_argument(
+        "--pictures",
+        type=Path,
+        metavar="DIR",
+        help="also draw the hypotheses over the map after the scans of --cycles, as PNG",
+    )
+    parser.add_argument(
+        "--cycles",
+        type=_cycles,
+        default=(1, 32, 75, 106),
+        metavar="N,N,…",
+        help="scans after which to draw, counted from 1 (default: 1,32,75,106)",
+    )
+    parser.add_argument("--gif", type=Path, metavar="F.gif", help="also draw the whole run")
+    parser.add_argument(
         "--strict", action="store_true", help="stop at a damaged line instead of skipping it"
     )
     parser.set_defaults(run=run)
@@ -64,9 +82,12 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
 
 def run(arguments: argparse.Namespace) -> None:
     """Carry out the subcommand. Raises `CommandError` and `OSError`."""
-    for out in (None if arguments.out == "-" else Path(arguments.out), arguments.tum):
+    table = None if arguments.out == "-" else Path(arguments.out)
+    for out in (table, arguments.tum, arguments.gif):
         if out is not None:
             check_output(out, arguments.map, arguments.log)
+    if arguments.pictures:
+        make_folder(arguments.pictures)
     world = _load(arguments.map)
     entries = _read(arguments)
     # One line for each trouble of a source; progress is on the same stream.
@@ -77,7 +98,12 @@ def run(arguments: argparse.Namespace) -> None:
     _write(arguments.out, rows)
     if arguments.tum:
         _write_trajectory(arguments.tum, world, entries, beliefs)
-    _summarise(beliefs, time.monotonic() - start)
+    seconds = time.monotonic() - start
+    if arguments.pictures:
+        _draw(arguments.pictures, world, beliefs, arguments.cycles)
+    if arguments.gif:
+        _animate(arguments.gif, world, beliefs)
+    _summarise(beliefs, seconds)
 
 
 def _load(path: Path) -> WorldModel:
@@ -186,6 +212,39 @@ def _write_trajectory(
             stamps.append(entry.stamp)
             poses.append(compose(frame[best.place.node], best.place.T_node_laser))
     write_tum(path, np.array(stamps), np.array(poses).reshape(-1, 3))
+
+
+def _draw(folder: Path, world: WorldModel, beliefs: list[Belief], cycles: tuple[int, ...]) -> None:
+    """The paper's Fig. 7, a file for each of the scans that there are."""
+    frame = assemble(world)
+    for cycle in cycles:
+        if cycle <= len(beliefs):
+            figure = draw_hypotheses(world, frame, beliefs[cycle - 1], f"after cycle {cycle}")
+            with atomic_write(folder / f"cycle-{cycle:04d}.png", "wb") as file:
+                figure.savefig(file, format="png", dpi=_DPI)
+
+
+def _animate(path: Path, world: WorldModel, beliefs: list[Belief]) -> None:
+    """The run as a film of at most a hundred pictures."""
+    frame = assemble(world)
+    shown = range(0, len(beliefs), -(-len(beliefs) // _FRAMES))
+    pictures = []
+    with Progress("drawing", len(shown)) as progress:
+        for scan in shown:
+            figure = draw_hypotheses(world, frame, beliefs[scan], f"after cycle {scan + 1}")
+            pictures.append(picture_of(figure, _FILM_DPI))
+            progress.advance(1)
+    with atomic_write(path, "wb") as file:
+        pictures[0].save(
+            file, format="GIF", save_all=True, append_images=pictures[1:], duration=150, loop=0
+        )
+
+
+def _cycles(text: str) -> tuple[int, ...]:
+    words = text.split(",")
+    if not all(word.isdecimal() and word.isascii() and int(word) > 0 for word in words):
+        raise argparse.ArgumentTypeError(f"{text!r} is no list of whole numbers from 1")
+    return tuple(map(int, words))
 
 
 def _summarise(beliefs: list[Belief], seconds: float) -> None:

@@ -29,9 +29,8 @@ _DEVIATIONS = 2.0  # of the arcs in between, by which a volume is widened
 class IdcSourceConfig(eqx.Module):
     """Which hypotheses are compared with what, and what that says.
 
-    On the tracks of two public logs the correspondence converges at 0.85 of the right places and
-    at 0.03 of wrong ones. `found` is far less than their ratio: the wrong ones are those that look
-    alike, which misled the matcher before.
+    `found` is far less than how much more often the correspondence converges at right places than
+    at wrong ones: those at which it does look alike, and have misled the matcher before.
     """
 
     idc: IdcConfig = IdcConfig()

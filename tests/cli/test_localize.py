@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import aprjax.cli.localize as cli_localize
 from aprjax.cli.main import main
@@ -203,3 +204,15 @@ def test_a_map_without_references_is_refused(drive, tmp_path, command):
     )
     assert status == 1
     assert "no reference scans" in err
+
+
+def test_pictures_are_drawn_after_the_cycles_asked_for_and_a_film_of_the_run(
+    drive, tmp_path, command
+):
+    folder, film = tmp_path / "pictures", tmp_path / "run.gif"
+    options = ["--pictures", folder, "--cycles", "1,8,30", "--gif", film]
+    assert command("localize", *drive, "--out", tmp_path / "t.csv", *options)[0] == 0
+    # There is no thirtieth scan.
+    assert sorted(path.name for path in folder.iterdir()) == ["cycle-0001.png", "cycle-0008.png"]
+    assert film.read_bytes()[:3] == b"GIF"
+    assert Image.open(film).n_frames == 8

@@ -1,0 +1,72 @@
+"""The paper's Fig. 7: position hypotheses over the assembled map."""
+
+import io
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+from PIL import Image
+
+from aprjax.plot.style import figure_of
+from aprjax.plot.world import draw_world
+from aprjax.tracking.belief import Belief
+from aprjax.world.model import WorldModel
+from aprjax.world.plane import compose
+
+_HYPOTHESIS = "#000000"
+_SIZE = 0.012  # of the map's extent: how long a triangle is
+# Forward and left: a triangle, its tip ahead.
+_TRIANGLE = np.array([[1.3, 0.0], [-0.7, 0.7], [-0.7, -0.7]])
+
+
+def draw_hypotheses(
+    world: WorldModel,
+    T_root_node: dict[int, np.ndarray],
+    belief: Belief,
+    title: str = "",
+    ax: Axes | None = None,
+) -> Figure:
+    """Draw a belief over the map in an assembled frame, poses `(3,)` in metres and radians.
+
+    Hypotheses are triangles that point ahead, a circle marks the strongest, λ_b and λ_0 are
+    written above. Hypotheses in nodes that the frame does not hold are left out. `ax` defaults to
+    the axes of a new figure. Returns the figure, which belongs to no window.
+    """
+    figure = draw_world(world, T_root_node, ax, scans=True)
+    ax = figure.axes[0] if ax is None else ax
+    size = _SIZE * max(abs(np.diff(ax.get_xlim())[0]), abs(np.diff(ax.get_ylim())[0]))
+    poses = [
+        compose(T_root_node[h.place.node], h.place.T_node_laser)
+        for h in belief.hypotheses
+        if h.place.node in T_root_node
+    ]
+    triangles = [_triangle(pose, size) for pose in poses]
+    ax.add_collection(PolyCollection(triangles, facecolors=_HYPOTHESIS, zorder=11))
+    best = belief.best
+    if best is not None and best.place.node in T_root_node:
+        # The strongest comes first.
+        ax.scatter(
+            *poses[0][:2],
+            s=320,
+            facecolors="none",
+            edgecolors=_HYPOTHESIS,
+            linewidths=1.8,
+            zorder=12,
+        )
+    strongest = 0.0 if best is None else best.probability
+    text = f"{title}  $\\lambda_b$ = {strongest:.2f}   $\\lambda_0$ = {belief.rest:.2f}".strip()
+    ax.text(0.5, 0.985, text, transform=ax.transAxes, ha="center", va="top", fontsize=13, zorder=13)
+    return figure_of(ax)
+
+
+def picture_of(figure: Figure, dpi: int) -> Image.Image:
+    """A figure as a picture of 64 colours, such as films are made of."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=dpi)
+    return Image.open(buffer).convert("RGB").quantize(64)
+
+
+def _triangle(pose: np.ndarray, size: float) -> np.ndarray:
+    cos, sin = np.cos(pose[2]), np.sin(pose[2])
+    return pose[:2] + size * _TRIANGLE @ np.array([[cos, sin], [-sin, cos]])
