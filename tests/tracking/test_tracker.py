@@ -54,6 +54,13 @@ def test_a_better_estimate_begins_with_more():
     assert begun[0] < begun[1]
 
 
+def test_a_new_hypothesis_takes_from_the_rest_and_begins_with_little_where_that_is_small():
+    lost, tracking = tracker(), sure()
+    lost.observe(estimates=[at(2)])
+    tracking.observe(estimates=[at(0), at(2)])
+    assert tracking.hypotheses[1].probability < 0.2 * only(lost).probability
+
+
 def test_estimates_of_one_place_by_several_references_make_one_hypothesis():
     made = tracker()
     # Node 1 lies four metres ahead: all three are one pose.
@@ -313,6 +320,13 @@ def test_a_validation_source_confirms_and_refines():
     assert made.belief.best.place.node == 0
     np.testing.assert_array_equal(made.belief.best.place.T_node_laser, better.T_node_laser)
     assert made.hypotheses[0].probability == pytest.approx(4 * made.hypotheses[1].probability)
+
+
+def test_a_verdict_that_weakens_does_not_move_a_centre():
+    made = sure()
+    before = made.belief.best.place
+    made.observe(verdict=approve(0.5, place=Place(0, np.ones(3)), covariance=EXACT))
+    assert made.belief.best.place is before
 
 
 def test_a_validation_source_can_reject():
