@@ -5,6 +5,7 @@ import equinox as eqx
 from aprjax.anchors.extract import Anchors, ExtractionConfig, choose_anchors
 from aprjax.anchors.segment import segment
 from aprjax.anchors.surface import surface
+from aprjax.evaluation.raster import Raster, RasterConfig, raster
 from aprjax.evaluation.view import View, ViewConfig, view
 from aprjax.relations.graph import AnchorGraph, anchor_graph
 from aprjax.relations.histograms import EdgeHistogram, RelationConfig, edge_histogram
@@ -17,15 +18,17 @@ class FeatureConfig(eqx.Module):
     extraction: ExtractionConfig = ExtractionConfig()
     relation: RelationConfig = RelationConfig()
     view: ViewConfig = ViewConfig()
+    raster: RasterConfig = RasterConfig()
 
 
 class Features(eqx.Module):
-    """One scan's anchors, their graph, its edges in the relation database, and its surfaces."""
+    """One scan's anchors, their graph, its edges by length, its surfaces and their drawing."""
 
     anchors: Anchors
     graph: AnchorGraph
     histogram: EdgeHistogram
     view: View
+    raster: Raster
 
 
 def describe(scan: Scan, config: FeatureConfig) -> Features:
@@ -34,9 +37,11 @@ def describe(scan: Scan, config: FeatureConfig) -> Features:
     course = surface(segments, config.extraction.surface)
     anchors = choose_anchors(segments, course, config.extraction)
     graph = anchor_graph(anchors)
+    seen = view(scan, segments, course, config.view)
     return Features(
         anchors=anchors,
         graph=graph,
         histogram=edge_histogram(graph, config.relation),
-        view=view(scan, segments, course, config.view),
+        view=seen,
+        raster=raster(seen, config.raster),
     )

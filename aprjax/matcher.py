@@ -11,7 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from aprjax.alignment.align import AlignmentConfig, Alternatives, agreement, align
+from aprjax.alignment.align import AlignmentConfig, Alternatives, align, counterparts
+from aprjax.alignment.voting import VotingConfig, vote
 from aprjax.configuration import capacity, threshold
 from aprjax.evaluation.congruence import CongruenceConfig, congruence, quality, sees
 from aprjax.evaluation.distinctiveness import (
@@ -25,10 +26,14 @@ from aprjax.features import Features, describe
 from aprjax.numerics import bucket
 from aprjax.references import ReferenceIndex, ReferenceSet
 from aprjax.refine import RefineConfig, Refined, estimate, settle
-from aprjax.relations.histograms import matching_angles, preselection_quality
+from aprjax.relations.histograms import (
+    direction_spectrum,
+    matching_angles,
+    preselection_quality,
+)
 from aprjax.scan import Scan
 from aprjax.se2 import Pose, inverse
-from aprjax.shortlist import ShortlistConfig, all_alternatives, shortlist
+from aprjax.shortlist import Shortlist, ShortlistConfig, all_alternatives, shortlist
 from aprjax.status import Status
 
 
@@ -38,6 +43,7 @@ class MatchConfig(eqx.Module):
     How scans are described belongs to the `ReferenceSet`, since it holds for both sides.
     """
 
+    voting: VotingConfig = VotingConfig()
     alignment: AlignmentConfig = AlignmentConfig()
     shortlist: ShortlistConfig = ShortlistConfig()
     refine: RefineConfig = RefineConfig()
@@ -46,8 +52,10 @@ class MatchConfig(eqx.Module):
     probability: ProbabilityConfig = ProbabilityConfig()
     min_quality: Float[Array, ""] = threshold(0.0, "least e_m of a hypothesis")
     confident: Float[Array, ""] = threshold(0.18, "least e_m of an answer that may be acted on")
-    top_k: int | None = capacity(None, "references aligned, those of the highest q_m; None is all")
-    cascade: bool = capacity(True, "whether only a shortlist of alternatives is fully evaluated")
+    top_k: int | None = capacity(None, "references compared, those of the highest q_m; None is all")
+    cascade: bool = capacity(
+        True, "whether edges vote, and only a shortlist is fully evaluated; else the paper's way"
+    )
     hypotheses: int = capacity(5, "K, the most hypotheses of a query")
     chunk: int = capacity(32, "queries worked on at a time, which bounds the memory")
 
@@ -196,38 +204,23 @@ def _match_chunk(
     queries = jax.vmap(describe, (0, None))(scans, references.config)
     relation = references.config.relation
     q_m = preselection_quality(queries.histogram, references.features.histogram, relation)
-    angles = matching_angles(queries.histogram, references.features.histogram, relation)
 
-    def one(of: tuple[Features, Array, Array]) -> MatchResult:
+    def one(of: tuple[Features, Array]) -> MatchResult:
         return _match_one(*of, references, config)
 
     each = jax.vmap(one) if together else partial(jax.lax.map, one)
-    return each((queries, q_m, angles))
+    return each((queries, q_m))
 
 
 def _match_one(
     query: Features,
     q_m: Float[Array, " references"],
-    angles: Float[Array, "references direction_bins"],
     references: ReferenceIndex,
     config: MatchConfig,
 ) -> MatchResult:
-    """Candidates, their alignments, the screen, refinement and evaluation, for one query."""
-    rows = _preselected(q_m, references, config)
-    candidates = jax.tree.map(lambda array: array[rows], references.features)
-
-    aligned = jax.vmap(align, (0, None, 0, None))(
-        candidates.graph, query.graph, angles[rows], config.alignment
-    )
-    aligned = eqx.tree_at(
-        lambda a: a.valid, aligned, aligned.valid & references.valid[rows][:, None]
-    )
+    """Candidates, their alignments, the looks, refinement and evaluation, for one query."""
     views = references.features.view
-    listed = (
-        shortlist(aligned, rows, views, query.view, config.shortlist)
-        if config.cascade
-        else all_alternatives(aligned, rows)
-    )
+    found, listed = (_cascade if config.cascade else _exhaustive)(query, q_m, references, config)
     kept, row = listed.alternatives, listed.row
 
     def evaluate(alternative: Alternatives, row: Int[Array, ""]):
@@ -235,8 +228,9 @@ def _match_one(
         T_ref_query = settle(reference.view, query.view, alternative.T_ref_query, config.refine)
         ahead = congruence(reference.view, query.view, inverse(T_ref_query), config.congruence)
         back = congruence(query.view, reference.view, T_ref_query, config.congruence)
-        agree = agreement(reference.graph, query.graph, T_ref_query, config.alignment.agreement)
-        anchors = jnp.sum(jnp.any(agree, axis=0), dtype=jnp.int32)
+        anchors = counterparts(
+            reference.graph, query.graph, T_ref_query, config.alignment.agreement
+        )
         e_m = quality(
             ahead,
             back,
@@ -265,8 +259,8 @@ def _match_one(
     counts = Counts(
         anchors=jnp.sum(query.anchors.valid, dtype=jnp.int32),
         overflow=query.anchors.overflow,
-        aligned=jnp.sum(jnp.any(aligned.valid, axis=1), dtype=jnp.int32),
-        alternatives=jnp.sum(aligned.valid, dtype=jnp.int32),
+        aligned=jnp.sum(found > 0, dtype=jnp.int32),
+        alternatives=jnp.sum(found, dtype=jnp.int32),
         evaluated=jnp.sum(kept.valid, dtype=jnp.int32),
     )
     return MatchResult(
@@ -285,15 +279,59 @@ def _match_one(
     )
 
 
+def _cascade(
+    query: Features,
+    q_m: Float[Array, " rows"],
+    references: ReferenceIndex,
+    config: MatchConfig,
+) -> tuple[Int[Array, " rows"], Shortlist]:
+    """Poses that edges vote for, how many in each reference, and the best after two quick looks."""
+    allowed = references.valid & _preselected(q_m, references, config)
+    votes = vote(
+        references.edges,
+        references.features.histogram.edges,
+        allowed,
+        query.graph,
+        config.voting,
+    )
+    found = jnp.zeros(q_m.shape[0], jnp.int32).at[votes.row].add(votes.valid.astype(jnp.int32))
+    listed = shortlist(
+        votes,
+        references.features,
+        query,
+        references.config.raster,
+        config.alignment,
+        config.shortlist,
+    )
+    return found, listed
+
+
+def _exhaustive(
+    query: Features,
+    q_m: Float[Array, " rows"],
+    references: ReferenceIndex,
+    config: MatchConfig,
+) -> tuple[Int[Array, " rows"], Shortlist]:
+    """All alternatives of the paper's alignment with each reference, and how many there are."""
+    relation = references.config.relation
+    graphs = references.features.graph
+    spectra = jax.vmap(direction_spectrum, (0, None))(graphs, relation)
+    angles = matching_angles(direction_spectrum(query.graph, relation)[None], spectra, relation)[0]
+    aligned = jax.vmap(align, (0, None, 0, None))(graphs, query.graph, angles, config.alignment)
+    allowed = references.valid & _preselected(q_m, references, config)
+    aligned = eqx.tree_at(lambda a: a.valid, aligned, aligned.valid & allowed[:, None])
+    found = jnp.sum(aligned.valid, axis=1, dtype=jnp.int32)
+    return found, all_alternatives(aligned, jnp.arange(q_m.shape[0]))
+
+
 def _preselected(
-    q_m: Float[Array, " references"], references: ReferenceIndex, config: MatchConfig
-) -> Int[Array, " candidates"]:
-    """Rows of the references to align, ascending so that ties go to the lowest id."""
-    size = q_m.shape[0]
-    if config.top_k is None or config.top_k >= size:
-        return jnp.arange(size)
+    q_m: Float[Array, " rows"], references: ReferenceIndex, config: MatchConfig
+) -> Bool[Array, " rows"]:
+    """Whether a reference is among the `top_k` of the highest q_m; ties go to the lowest id."""
+    if config.top_k is None or config.top_k >= q_m.shape[0]:
+        return jnp.ones(q_m.shape[0], bool)
     _, rows = jax.lax.top_k(jnp.where(references.valid, q_m, -1.0), config.top_k)
-    return jnp.sort(rows)
+    return jnp.zeros(q_m.shape[0], bool).at[rows].set(True)
 
 
 def _ranked(

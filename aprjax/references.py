@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Int
 from aprjax.evaluation.distinctiveness import Placement
 from aprjax.features import FeatureConfig, Features, describe
 from aprjax.numerics import bucket
+from aprjax.relations.edge_table import EdgeTable
 from aprjax.scan import Scan
 
 
@@ -20,6 +21,8 @@ class ReferenceIndex(eqx.Module):
 
     features: Features
     """Leading axis `rows`."""
+    edges: EdgeTable
+    """Of all of them."""
     ids: Int[Array, " rows"]
     """Ascending; -1 in the padding at the end."""
     placement: Placement
@@ -219,4 +222,5 @@ def _index(
     middle = np.append(T_world_ref[known, :2].mean(axis=0) if known.any() else np.zeros(2), 0.0)
     poses = np.where(known[:, None], T_world_ref - middle, 0.0).astype(np.float32)
     placement = Placement(pad(poses), pad(known))
-    return ReferenceIndex(padded, pad(ids, fill=-1), placement, config)
+    edges = EdgeTable.build(jax.tree.map(np.asarray, padded.graph))
+    return ReferenceIndex(padded, edges, pad(ids, fill=-1), placement, config)

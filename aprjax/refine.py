@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.configuration import capacity, threshold
 from aprjax.evaluation.view import View
-from aprjax.numerics import HIGHEST, dot, safe_norm, total, wrap
+from aprjax.numerics import HIGHEST, arctan2, dot, safe_norm, wrap
 from aprjax.se2 import Pose, inverse, transform
 
 
@@ -82,20 +82,26 @@ def settle(reference: View, query: View, T_ref_query: Pose, config: RefineConfig
     """
     beam, real = query.thin(config.points)
     real = real & query.hit[beam]
+    query_x, query_y = query.xy[beam, 0], query.xy[beam, 1]
 
     def step(T_ref_query: Pose, gate: Float[Array, ""]) -> tuple[Pose, None]:
-        xy = transform(T_ref_query, query.xy[beam])
-        index, near = _paired(reference, xy, config.reach * gate)
-        normal = reference.normal[index]
-        off = dot(normal, xy - reference.xy[index])
-        weight = jnp.where(near & real, jnp.maximum(1.0 - (off / gate) ** 2, 0.0) ** 2, 0.0)
-        arm = xy - T_ref_query[None, :2]
-        columns = (normal[:, 0], normal[:, 1], normal[:, 1] * arm[:, 0] - normal[:, 0] * arm[:, 1])
+        # Coordinate by coordinate: XLA on a CPU does not vectorise so short an axis.
+        cos, sin = jnp.cos(T_ref_query[2]), jnp.sin(T_ref_query[2])
+        arm_x, arm_y = cos * query_x - sin * query_y, sin * query_x + cos * query_y
+        x, y = arm_x + T_ref_query[0], arm_y + T_ref_query[1]
+        index, visible = reference.scanner.towards(arctan2(y, x))
+        normal_x, normal_y = reference.normal[index, 0], reference.normal[index, 1]
+        gap_x, gap_y = x - reference.xy[index, 0], y - reference.xy[index, 1]
+        near = gap_x**2 + gap_y**2 < (config.reach * gate) ** 2
+        paired = real & visible & near & (normal_x**2 + normal_y**2 > 0)
+        off = normal_x * gap_x + normal_y * gap_y
+        weight = jnp.where(paired, jnp.maximum(1.0 - (off / gate) ** 2, 0.0) ** 2, 0.0)
+        columns = (normal_x, normal_y, normal_y * arm_x - normal_x * arm_y)
         # One unit of damping is one point: nothing against a wall, enough along a corridor.
         information = jnp.eye(3) + _symmetric(
-            [total(weight * a * b) for k, a in enumerate(columns) for b in columns[k:]]
+            [jnp.sum(weight * a * b) for k, a in enumerate(columns) for b in columns[k:]]
         )
-        gradient = jnp.stack([total(weight * off * column) for column in columns])
+        gradient = jnp.stack([jnp.sum(weight * off * column) for column in columns])
         T_ref_query = T_ref_query - jnp.matmul(_inverse(information), gradient, precision=HIGHEST)
         return T_ref_query.at[2].set(wrap(T_ref_query[2])), None
 

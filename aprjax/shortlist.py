@@ -1,7 +1,7 @@
-"""From the alternatives of all references to the few that are worth synthetic scans.
+"""From the poses that edges vote for to the few that are worth synthetic scans.
 
-Two cheap looks at ever fewer alternatives. The first sees them as they were aligned; a brief
-refinement of those that pass lets the second look closer.
+Two cheap looks at ever fewer alternatives. The first, a glance, sees them as edges put them; a
+brief refinement of those that pass lets the second look closer.
 """
 
 import equinox as eqx
@@ -9,25 +9,24 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from aprjax.alignment.align import Alternatives
+from aprjax.alignment.align import AlignmentConfig, Alternatives, counterparts
+from aprjax.alignment.voting import Votes
 from aprjax.configuration import capacity
+from aprjax.evaluation.raster import GlanceConfig, RasterConfig, glance
 from aprjax.evaluation.screen import ScreenConfig, screen, sketch
-from aprjax.evaluation.view import View
+from aprjax.features import Features
 from aprjax.refine import RefineConfig, settle
+from aprjax.se2 import Pose
 
 
 class ShortlistConfig(eqx.Module):
     """The looks, and how many alternatives pass each."""
 
-    screen: ScreenConfig = ScreenConfig()
+    glance: GlanceConfig = GlanceConfig()
     settle: RefineConfig = RefineConfig(points=48, iterations=3)
-    closer: ScreenConfig = ScreenConfig(
-        tolerance=0.08,  # pyright: ignore[reportArgumentType]
-        relative=0.015,  # pyright: ignore[reportArgumentType]
-        points=64,
-    )
-    passed: int = capacity(128, "alternatives that pass the first look, over all references")
-    kept: int = capacity(24, "alternatives that pass the second")
+    closer: ScreenConfig = ScreenConfig()
+    passed: int = capacity(160, "alternatives that pass the glance, over all references")
+    kept: int = capacity(24, "alternatives that pass the second look")
 
     def __check_init__(self) -> None:
         for name in ("passed", "kept"):
@@ -45,10 +44,13 @@ class Shortlist(eqx.Module):
     """Which reference each belongs to."""
 
     def best(self, score: Float[Array, " size"], count: int) -> "Shortlist":
-        """The `count` of the highest score, still ordered by reference: ties go to the lowest."""
+        """The `count` of the highest score, ordered by reference.
+
+        Ties of what follows then go to the lowest.
+        """
         score = jnp.where(self.alternatives.valid, score, -1.0)
         _, index = jax.lax.top_k(score, min(count, score.shape[0]))
-        index = jnp.sort(index)
+        index = index[jnp.argsort(self.row[index], stable=True)]
         return jax.tree.map(lambda array: array[index], self)
 
 
@@ -61,38 +63,70 @@ def all_alternatives(aligned: Alternatives, rows: Int[Array, " references"]) -> 
 
 
 def shortlist(
-    aligned: Alternatives,
-    rows: Int[Array, " references"],
-    references: View,
-    query: View,
+    votes: Votes,
+    references: Features,
+    query: Features,
+    raster_config: RasterConfig,
+    alignment_config: AlignmentConfig,
     config: ShortlistConfig,
 ) -> Shortlist:
-    """The most promising of the alternatives `(references, maxima)` of one query.
+    """The most promising of the poses `(poses,)` that the query's edges voted for.
 
-    `rows` says which of the views in `references` each leading index of `aligned` stands for.
+    `references` are stacked features `(rows, ...)`.
     """
-    everything = all_alternatives(aligned, rows)
-    if config.kept >= everything.row.shape[0]:
-        return everything
+    passed = glance_through(votes, references, query, raster_config, config)
+    return look_closer(passed, references, query, alignment_config, config)
 
-    def look(
-        found: Alternatives, row: Int[Array, " size"], screen_config: ScreenConfig
-    ) -> Float[Array, " size"]:
-        theirs = jax.vmap(sketch, (0, None))(references, screen_config)
-        ours = sketch(query, screen_config)
-        return jax.vmap(screen, (None, 0, None, 0, 0, None))(
-            theirs, row, ours, found.T_ref_query, found.anchors, screen_config
-        )
 
-    first = look(everything.alternatives, everything.row, config.screen)
-    if config.kept >= config.passed:
-        return everything.best(first, config.kept)
-    passed = everything.best(first, config.passed)
+def glance_through(
+    votes: Votes,
+    references: Features,
+    query: Features,
+    raster_config: RasterConfig,
+    config: ShortlistConfig,
+) -> Votes:
+    """The `passed` poses of the best glance, best first."""
+    score = jax.vmap(glance, (None, 0, None, 0, 0, None, None))(
+        references.raster,
+        votes.row,
+        query.raster,
+        votes.T_ref_query,
+        votes.rating,
+        raster_config,
+        config.glance,
+    )
+    score = jnp.where(votes.valid, score, -1.0)
+    _, best = jax.lax.top_k(score, min(config.passed, score.shape[0]))
+    return jax.tree.map(lambda array: array[best], votes)
 
-    def settled_one(found: Alternatives, row: Int[Array, ""]) -> Alternatives:
-        reference = jax.tree.map(lambda array: array[row], references)
-        T_ref_query = settle(reference, query, found.T_ref_query, config.settle)
-        return eqx.tree_at(lambda a: a.T_ref_query, found, T_ref_query)
 
-    settled = Shortlist(jax.vmap(settled_one)(passed.alternatives, passed.row), passed.row)
-    return settled.best(look(settled.alternatives, settled.row, config.closer), config.kept)
+def look_closer(
+    passed: Votes,
+    references: Features,
+    query: Features,
+    alignment_config: AlignmentConfig,
+    config: ShortlistConfig,
+) -> Shortlist:
+    """The `kept` alternatives that look best after a brief refinement.
+
+    They are valid if as many anchors agree as an alignment needs.
+    """
+
+    def refined(T_ref_query: Pose, row: Int[Array, ""]) -> tuple[Pose, Int[Array, ""]]:
+        graph, view = jax.tree.map(lambda array: array[row], (references.graph, references.view))
+        T_ref_query = settle(view, query.view, T_ref_query, config.settle)
+        distance = alignment_config.agreement
+        return T_ref_query, counterparts(graph, query.graph, T_ref_query, distance)
+
+    T_ref_query, anchors = jax.vmap(refined)(passed.T_ref_query, passed.row)
+    enough = anchors.astype(jnp.float32) >= alignment_config.min_anchors
+    alternatives = Alternatives(T_ref_query, anchors, passed.count, passed.valid & enough)
+    score = jax.vmap(screen, (None, 0, None, 0, 0, None))(
+        jax.vmap(sketch, (0, None))(references.view, config.closer),
+        passed.row,
+        sketch(query.view, config.closer),
+        T_ref_query,
+        anchors,
+        config.closer,
+    )
+    return Shortlist(alternatives, passed.row).best(score, config.kept)

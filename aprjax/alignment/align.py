@@ -87,6 +87,14 @@ def agreement(
     return near & jnp.any(reference.valid, axis=1)[:, None] & jnp.any(query.valid, axis=1)[None, :]
 
 
+def counterparts(
+    reference: AnchorGraph, query: AnchorGraph, T_ref_query: Pose, distance: Float[Array, ""]
+) -> Int[Array, ""]:
+    """How many anchors of the query have one of the reference within `distance` metres."""
+    agree = agreement(reference, query, T_ref_query, distance)
+    return jnp.sum(jnp.any(agree, axis=0), dtype=jnp.int32)
+
+
 def _maximum(array: Int[Array, "r n m"]) -> tuple[Int[Array, ""], tuple[Array, Array, Array]]:
     """The largest entry, a small count, and its indices; the first of equals.
 

@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 from aprjax.configuration import capacity, threshold
 from aprjax.evaluation.synthetic_scan import synthetic_scan
 from aprjax.evaluation.view import View
-from aprjax.numerics import safe_norm, total
+from aprjax.numerics import safe_norm
 from aprjax.se2 import Pose, inverse, transform
 
 
@@ -54,14 +54,16 @@ class Verdicts(eqx.Module):
         """The verdicts of single beams with end points `xy`, together."""
         one = agree.astype(jnp.float32)
         x, y = xy[:, 0], xy[:, 1]
-        number = total(one)
+        number = jnp.sum(one)
         share = one / jnp.maximum(number, 1.0)
-        off_x, off_y = x - total(share * x), y - total(share * y)
+        # Moments, all sums in one pass over the beams: XLA on a CPU fuses them.
+        mean_x, mean_y = jnp.sum(share * x), jnp.sum(share * y)
+        square = jnp.sum(share * (x * x + y * y)) - mean_x**2 - mean_y**2
         return cls(
             agree=number,
-            contradict=total(contradict.astype(jnp.float32)),
-            hits=total(hit.astype(jnp.float32)),
-            extent=jnp.sqrt(total(share * (off_x * off_x + off_y * off_y))),
+            contradict=jnp.sum(contradict, dtype=jnp.float32),
+            hits=jnp.sum(hit, dtype=jnp.float32),
+            extent=jnp.sqrt(jnp.maximum(square, 0.0)),
         )
 
 

@@ -1,8 +1,7 @@
-"""A quick check of many alignments: does either scan's end points lie where the other saw them?
+"""A quick check of many alignments: do either scan's end points lie where the other saw them?
 
-Every alternative of every reference passes here, so that only those which earned it get a
-synthetic scan. No surfaces are joined and nothing is refined: a thinned set of end points is
-looked up by bearing in the other view.
+Only alternatives that earned it here get a synthetic scan. No surfaces are joined and nothing is
+refined: a thinned set of end points is looked up by bearing in the other view.
 """
 
 from collections.abc import Callable
@@ -22,8 +21,8 @@ from aprjax.se2 import Pose, inverse, transform
 class ScreenConfig(eqx.Module):
     """Which end points are looked up, and when they agree."""
 
-    tolerance: Float[Array, ""] = threshold(0.15, "metres off the other scan's range")
-    relative: Float[Array, ""] = threshold(0.02, "the same, per metre of range")
+    tolerance: Float[Array, ""] = threshold(0.08, "metres off the other scan's range")
+    relative: Float[Array, ""] = threshold(0.015, "the same, per metre of range")
     quality: QualityConfig = QualityConfig()
     points: int = capacity(48, "most end points of each scan")
 

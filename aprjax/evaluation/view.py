@@ -79,7 +79,12 @@ class Scanner(eqx.Module):
         self, xy: Float[Array, "points 2"]
     ) -> tuple[Int[Array, " points"], Bool[Array, " points"]]:
         """The entry nearest in bearing to each point, and whether it is in the field of view."""
-        bearing = arctan2(xy[:, 1], xy[:, 0])
+        return self.towards(arctan2(xy[:, 1], xy[:, 0]))
+
+    def towards(
+        self, bearing: Float[Array, " points"]
+    ) -> tuple[Int[Array, " points"], Bool[Array, " points"]]:
+        """The same for bearings in radians."""
         width = jnp.abs(self.angle_increment)
         # Half a beam before the first one is still in view.
         turned = (bearing - self.angle_min) * jnp.sign(self.angle_increment) + 0.5 * width

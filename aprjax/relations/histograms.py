@@ -33,8 +33,6 @@ class EdgeHistogram(eqx.Module):
 
     lengths: Float[Array, "*batch length_parts"]
     """Edges in each part of a bin of length; whole numbers."""
-    spectrum: Complex[Array, "*batch frequencies length_bins"]
-    """Fourier transform over direction of the edges in each bin of length and direction."""
     edges: Float[Array, "*batch"]
     """k, the number of all edges, also of those too long to be counted."""
 
@@ -48,28 +46,36 @@ def length_bin(
 
 
 def edge_histogram(graph: AnchorGraph, config: RelationConfig) -> EdgeHistogram:
-    """The histogram of one anchor graph.
+    """The histogram of one anchor graph by parts of a length bin.
 
-    q_m counts lengths by parts of a bin, for accidental correspondences are as many as the
-    tolerance is wide. Rotations take whole bins: right edges must not be missed there, and
-    accidental ones do not agree on an angle.
+    q_m counts by parts, for accidental correspondences are as many as the tolerance is wide.
     """
-    upper = jnp.asarray(np.triu_indices(graph.length.shape[-1], k=1))
-    lengths = length_bin(graph, config.bin_length, config.length_bins)[upper[0], upper[1]]
-    unit = graph.unit[upper[0], upper[1]]
+    upper = np.triu_indices(graph.length.shape[-1], k=1)
+    size = config.parts * config.length_bins
+    fine = length_bin(graph, config.bin_length / config.parts, size)[upper]
+    return EdgeHistogram(
+        lengths=jnp.zeros(size).at[fine].add(1.0, mode="drop"),
+        edges=graph.edges.astype(jnp.float32),
+    )
+
+
+def direction_spectrum(
+    graph: AnchorGraph, config: RelationConfig
+) -> Complex[Array, "frequencies length_bins"]:
+    """Fourier transform over direction of one graph's edges in each bin of length and direction.
+
+    Rotations take whole bins of length: right edges must not be missed there, and accidental ones
+    do not agree on an angle.
+    """
+    upper = np.triu_indices(graph.length.shape[-1], k=1)
+    lengths = length_bin(graph, config.bin_length, config.length_bins)[upper]
+    unit = graph.unit[upper]
     direction = jnp.arctan2(unit[:, 1], jnp.where(lengths < config.length_bins, unit[:, 0], 1.0))
     turns = direction / np.pi * config.direction_bins
     directions = jnp.floor(turns).astype(jnp.int32) % config.direction_bins
     counts = jnp.zeros((config.length_bins, config.direction_bins))
     counts = counts.at[lengths, directions].add(1.0, mode="drop")
-
-    size = config.parts * config.length_bins
-    fine = length_bin(graph, config.bin_length / config.parts, size)[upper[0], upper[1]]
-    return EdgeHistogram(
-        lengths=jnp.zeros(size).at[fine].add(1.0, mode="drop"),
-        spectrum=jnp.fft.rfft(counts, axis=-1).T,
-        edges=graph.edges.astype(jnp.float32),
-    )
+    return jnp.fft.rfft(counts, axis=-1).T
 
 
 def tolerant(counts: Array, tolerance: int) -> Array:
@@ -98,13 +104,16 @@ def preselection_quality(
 
 
 def matching_angles(
-    queries: EdgeHistogram, references: EdgeHistogram, config: RelationConfig
+    queries: Complex[Array, "queries frequencies length_bins"],
+    references: Complex[Array, "references frequencies length_bins"],
+    config: RelationConfig,
 ) -> Float[Array, "queries references direction_bins"]:
     """Matching angle histograms of paper 2.C, of every query against every reference.
 
-    Entry r counts the pairs of edges of corresponding length of which the reference's direction
-    bin is r bins (modulo half a turn) past the query's. Whole numbers.
+    From their `direction_spectrum`. Entry r counts the pairs of edges of corresponding length of
+    which the reference's direction bin is r bins (modulo half a turn) past the query's. Whole
+    numbers.
     """
-    near = tolerant(queries.spectrum, config.length_tolerance)
-    product = jnp.einsum("qfl,mfl->qmf", jnp.conj(near), references.spectrum, precision=HIGHEST)
+    near = tolerant(queries, config.length_tolerance)
+    product = jnp.einsum("qfl,mfl->qmf", jnp.conj(near), references, precision=HIGHEST)
     return jnp.round(jnp.fft.irfft(product, n=config.direction_bins, axis=-1))

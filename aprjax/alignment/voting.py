@@ -1,0 +1,222 @@
+"""Poses that many corresponding edges agree on, over all references at once (paper 2.B, 2.C).
+
+Every pair of an edge of the query and an edge of a reference of about the same length gives two
+transformations. The paper thins the pairs out before it computes any: references by q_m, rotations
+by the peaks of the matching angle histogram, identifications by the correspondence matrix. Here
+each pair votes at once for its cells of (reference, rotation, place), a generalised Hough
+transform (Ballard, Pattern Recognition 13, 1981); the table keeps the pairs few. A cell is rated
+as the paper rates a reference, by c² / (k_act k_m), but only correspondences that agree on the
+pose are counted. `aprjax.alignment.align` is the paper's own way; the README says what either
+finds, and what it costs.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from aprjax.configuration import capacity, threshold
+from aprjax.numerics import wrap
+from aprjax.relations.edge_table import SLICE, EdgeTable
+from aprjax.relations.graph import AnchorGraph
+from aprjax.se2 import Pose, rotate
+
+
+class VotingConfig(eqx.Module):
+    """When edges correspond, and how finely their votes are counted."""
+
+    length: Float[Array, ""] = threshold(0.09, "metres that corresponding lengths may differ by")
+    cell: Float[Array, ""] = threshold(0.6, "metres: side of a cell")
+    directions: int = capacity(40, "cells of rotation over a full turn; an even number")
+    grids: int = capacity(2, "grids of cells, shifted so that no pose is at the border of all")
+    places: int = capacity(32, "parts of a reference's cells, of each of which the best is kept")
+    depth: int = capacity(32, "counters of a part, which its cells are hashed to")
+    poses: int = capacity(64, "poses kept of each part, over all references")
+
+    def __check_init__(self) -> None:
+        for name in ("places", "depth"):
+            if getattr(self, name).bit_count() != 1:
+                raise ValueError(f"{name}: {getattr(self, name)} is not a power of two")
+        if self.directions < 2 or self.directions % 2:
+            raise ValueError(f"directions: {self.directions} is not an even number of cells")
+        for name in ("grids", "poses"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name}: {getattr(self, name)} is not a positive number")
+
+
+class Votes(eqx.Module):
+    """Poses, those of each part together, best rated first."""
+
+    T_ref_query: Pose
+    """Metres and radians: that of the longest of the agreeing edges."""
+    row: Int[Array, " poses"]
+    """The reference."""
+    count: Int[Array, " poses"]
+    """c: correspondences that agree on the pose."""
+    rating: Float[Array, " poses"]
+    """c / √(k_act k_m)."""
+    valid: Bool[Array, " poses"]
+
+
+class _Edge(eqx.Module):
+    """Undirected edges of the query, shortest first, those that are none at the end."""
+
+    length: Float[Array, "*k"]
+    cos: Float[Array, "*k"]
+    sin: Float[Array, "*k"]
+    direction: Float[Array, "*k"]
+    """Radians in [0, π]."""
+    arm_x: Float[Array, "*k"]
+    """From the middle of the edge to the centre of the query's anchors, in metres."""
+    arm_y: Float[Array, "*k"]
+
+
+class _Turned(eqx.Module):
+    """Where corresponding edges put the query's centre in metres, and how they turn it (rad)."""
+
+    x: Float[Array, "*pairs"]
+    y: Float[Array, "*pairs"]
+    turn: Float[Array, "*pairs"]
+
+
+def vote(
+    table: EdgeTable,
+    k_m: Float[Array, " rows"],
+    allowed: Bool[Array, " rows"],
+    query: AnchorGraph,
+    config: VotingConfig,
+) -> Votes:
+    """The best rated poses of one query in the `allowed` references; `k_m` counts their edges.
+
+    A reference's cells are divided at random into `places` parts, and of each part the best
+    `poses` of all references are kept: next to the best of all, at a fraction of the time.
+    """
+    rows, grids = k_m.shape[0], range(config.grids)
+    centre = _centre(query)
+    edges = _edges(query, centre)
+    begin, end = table.window(edges.length, config.length)
+    slots = table.length.shape[0]
+
+    def count(k: Int[Array, ""], start: Int[Array, ""], boards: tuple[Array, Array]):
+        """The votes of the query's edge k and one slice of the table."""
+        counters, longest = boards
+        slot = start + jnp.arange(SLICE, dtype=jnp.int32)
+        real = slot < end[k]
+        ours, theirs = jax.tree.map(lambda array: array[k], edges), table.slice(start)
+        for sense, T in enumerate(_either_sense(ours, theirs)):
+            pair = jnp.where(real, 2 * (k * slots + slot) + sense, -1)
+            for grid in grids:
+                cell = _counter(T, theirs.row, grid, rows, config)
+                counters = counters.at[cell].add(real.astype(jnp.int16), mode=_IN_BOUNDS)
+                longest = longest.at[cell].max(pair, mode=_IN_BOUNDS)
+        return counters, longest
+
+    def count_all(k: Int[Array, ""], boards: tuple[Array, Array]):
+        slices = (end[k] - begin[k] + SLICE - 1) // SLICE
+        return jax.lax.fori_loop(
+            0, slices, lambda i, boards: count(k, begin[k] + i * SLICE, boards), boards
+        )
+
+    size = config.depth * config.grids * rows * config.places
+    boards = jnp.zeros(size, jnp.int16), jnp.full(size, -1, jnp.int32)
+    counters, longest = jax.lax.fori_loop(0, query.edges, count_all, boards)
+
+    # Count and counter in one integer make this a plain maximum, which XLA vectorises.
+    counters = counters.reshape(config.depth, -1).astype(jnp.int32)
+    level = jnp.arange(config.depth, dtype=jnp.int32)[:, None]
+    best = jnp.max(counters * config.depth + level, axis=0)
+    pairs = k_m * jnp.maximum(query.edges.astype(jnp.float32), 1.0)
+    weight = jnp.where(allowed, jax.lax.rsqrt(jnp.maximum(pairs, 1.0)), 0.0)
+    rating = (best // config.depth).reshape(config.grids, rows, config.places) * weight[:, None]
+    rating = rating.reshape(-1, config.places).T
+    rating, row = jax.lax.top_k(rating, min(config.poses, rating.shape[1]))
+    place = (row * config.places + jnp.arange(config.places)[:, None]).reshape(-1)
+    pair = jnp.maximum(longest[best[place] % config.depth * best.shape[0] + place], 0)
+    rating, row = rating.reshape(-1), row.reshape(-1) % rows
+    return Votes(
+        T_ref_query=jnp.where((rating > 0)[:, None], _pose(table, edges, centre, pair), 0.0),
+        row=row,
+        count=best[place] // config.depth,
+        rating=rating,
+        valid=rating > 0,
+    )
+
+
+_IN_BOUNDS = "promise_in_bounds"
+
+
+def _centre(query: AnchorGraph) -> Float[Array, "2"]:
+    """The middle of the query's anchors, which a wrong rotation moves least."""
+    real = jnp.any(query.valid, axis=1).astype(jnp.float32)
+    weight = real / jnp.maximum(jnp.sum(real), 1.0)
+    return jnp.sum(weight[:, None] * query.xy, axis=0)
+
+
+def _edges(query: AnchorGraph, centre: Float[Array, "2"]) -> _Edge:
+    """The query's edges in ascending order, so that the last to vote has the best rotation."""
+    a, b = np.triu_indices(query.xy.shape[0], k=1)
+    valid = query.valid[a, b]
+    order = jnp.argsort(jnp.where(valid, query.length[a, b], jnp.inf))
+    a, b = jnp.asarray(a)[order], jnp.asarray(b)[order]
+    unit = query.unit[a, b]
+    cos, sin = jnp.where(unit[:, 1:] < 0, -unit, unit).T
+    arm = centre[None, :] - 0.5 * (query.xy[a] + query.xy[b])
+    return _Edge(
+        length=query.length[a, b],
+        cos=cos,
+        sin=sin,
+        direction=jnp.arctan2(sin, jnp.where(valid[order], cos, 1.0)),
+        arm_x=arm[:, 0],
+        arm_y=arm[:, 1],
+    )
+
+
+def _either_sense(ours: _Edge, theirs: EdgeTable) -> tuple[_Turned, _Turned]:
+    """Edges of the query on edges of the table, middle on middle, and the other way round."""
+    cos = theirs.cos * ours.cos + theirs.sin * ours.sin
+    sin = theirs.sin * ours.cos - theirs.cos * ours.sin
+    dx, dy = cos * ours.arm_x - sin * ours.arm_y, sin * ours.arm_x + cos * ours.arm_y
+    turn = theirs.direction - ours.direction
+    return (
+        _Turned(theirs.x + dx, theirs.y + dy, turn),
+        _Turned(theirs.x - dx, theirs.y - dy, turn + np.float32(np.pi)),
+    )
+
+
+def _counter(
+    T: _Turned, row: Int[Array, " edges"], grid: int, rows: int, config: VotingConfig
+) -> Int[Array, " edges"]:
+    """The counter of each cell: a multiplicative hash with two xor-shifts.
+
+    Places are the last axis, so that their maxima over the depth are taken many at a time.
+    """
+    shift = grid / config.grids
+    direction = T.turn * (config.directions / (2 * np.pi)) + shift
+    direction = jnp.floor(direction).astype(jnp.int32)
+    direction = jnp.where(direction < 0, direction + config.directions, direction)
+    direction = jnp.where(direction >= config.directions, direction - config.directions, direction)
+    x, y = (jnp.floor(along / config.cell + shift).astype(jnp.int32) for along in (T.x, T.y))
+    mixed = jnp.uint32(0)
+    for number, factor in ((direction, 0x9E3779B1), (x, 0x27D4EB2F), (y, 0x165667B1)):
+        mixed = mixed + number.astype(jnp.uint32) * np.uint32(factor)
+    mixed = (mixed ^ (mixed >> np.uint32(15))) * np.uint32(0x045D9F3B)
+    mixed = mixed ^ (mixed >> np.uint32(16))
+    place = (mixed % np.uint32(config.places)).astype(jnp.int32)
+    level = (mixed // np.uint32(config.places) % np.uint32(config.depth)).astype(jnp.int32)
+    return ((level * config.grids + grid) * rows + row) * config.places + place
+
+
+def _pose(
+    table: EdgeTable, edges: _Edge, centre: Float[Array, "2"], pair: Int[Array, " poses"]
+) -> Pose:
+    """T_ref_query of numbered pairs of edges."""
+    slots = table.length.shape[0]
+    ours = jax.tree.map(lambda array: array[pair // 2 // slots], edges)
+    theirs = jax.tree.map(lambda array: array[pair // 2 % slots], table)
+    T = jax.tree.map(
+        lambda along, against: jnp.where(pair % 2 == 0, along, against),
+        *_either_sense(ours, theirs),
+    )
+    turned = rotate(jnp.broadcast_to(centre, (*pair.shape, 2)), T.turn)
+    return jnp.stack([T.x - turned[:, 0], T.y - turned[:, 1], wrap(T.turn)], axis=-1)

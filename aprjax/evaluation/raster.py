@@ -1,0 +1,133 @@
+"""A glance at very many alignments: end points of one scan on a coarse drawing of the other.
+
+Every pose that edges vote for passes here, so that only those which earned it are looked at more
+closely. One memory access takes the place of a look-up by bearing.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from aprjax.configuration import capacity, threshold
+from aprjax.evaluation.view import View
+from aprjax.se2 import Pose
+
+_AGREES, _CONTRADICTS = 1, 127
+"""Of cells. A sum of fewer than 127 holds the number of either."""
+_FAR = 1e6
+
+
+class RasterConfig(eqx.Module):
+    """What is drawn, and which end points are looked up."""
+
+    cell: Float[Array, ""] = threshold(0.25, "metres: side of a cell")
+    tolerance: Float[Array, ""] = threshold(0.2, "metres off the surface that is drawn as such")
+    relative: Float[Array, ""] = threshold(0.02, "the same, per metre of range")
+    size: int = capacity(96, "cells of each side; the scanner is in the middle")
+    points: int = capacity(32, "most end points of a scan, less than 127")
+
+    def __check_init__(self) -> None:
+        if not 0 < self.points < _CONTRADICTS:
+            raise ValueError(f"points: {self.points} is not between 1 and {_CONTRADICTS - 1}")
+        if self.size < 1:
+            raise ValueError(f"size: {self.size} is not a positive number")
+
+
+class Raster(eqx.Module):
+    """One view, drawn, and a few of its end points."""
+
+    cells: Int[Array, "*batch size size"]
+    """What an end point in the cell says: it agrees, it contradicts (free space), or neither."""
+    x: Float[Array, "*batch points"]
+    """End points in metres; far away where there is none."""
+    y: Float[Array, "*batch points"]
+    hits: Float[Array, "*batch"]
+    """Number of end points."""
+
+
+class GlanceConfig(eqx.Module):
+    """What a glance is worth."""
+
+    doubt: Float[Array, ""] = threshold(0.1, "doubtful points assumed beforehand, a share of hits")
+    contradiction: Float[Array, ""] = threshold(
+        1.5, "agreeing points that one contradiction undoes"
+    )
+    votes: Float[Array, ""] = threshold(1.0, "rating of a vote that is worth one half")
+
+
+def raster(view: View, config: RasterConfig) -> Raster:
+    """The drawing of one view: what an end point at the middle of each cell would say."""
+    centre = np.arange(config.size) + 0.5 - config.size / 2
+    i, j = (axis.ravel() for axis in np.meshgrid(centre, centre, indexing="ij"))
+    bearing = np.arctan2(j, i).astype(np.float32)
+    distance = config.cell * np.hypot(i, j).astype(np.float32)
+    index, visible = view.scanner.towards(jnp.asarray(bearing))
+    met = jnp.where(view.hit, view.range, 0.0)[index]
+    tolerance = config.tolerance + config.relative * distance
+    known = visible & (met > 0)
+    agrees = known & (jnp.abs(distance - met) <= tolerance)
+    contradicts = known & (distance - met < -tolerance)
+    cells = _AGREES * agrees.astype(jnp.int8) + _CONTRADICTS * contradicts.astype(jnp.int8)
+
+    beam, real = view.thin(config.points)
+    hit = real & view.hit[beam]
+    return Raster(
+        cells=cells.reshape(config.size, config.size),
+        x=jnp.where(hit, view.xy[beam, 0], _FAR),
+        y=jnp.where(hit, view.xy[beam, 1], _FAR),
+        hits=jnp.sum(hit, dtype=jnp.float32),
+    )
+
+
+def glance(
+    references: Raster,
+    row: Int[Array, ""],
+    query: Raster,
+    T_ref_query: Pose,
+    rating: Float[Array, ""],
+    raster_config: RasterConfig,
+    config: GlanceConfig,
+) -> Float[Array, ""]:
+    """How far two drawings agree, both ways, in [0, 1], and how many edges voted for it.
+
+    `row` says which of the stacked `references` is meant.
+    """
+    size = raster_config.size
+    cos, sin = jnp.cos(T_ref_query[2]), jnp.sin(T_ref_query[2])
+
+    def said(
+        cells: Int[Array, " cells"],
+        first: Int[Array, ""],
+        x: Float[Array, " points"],
+        y: Float[Array, " points"],
+        hits: Float[Array, ""],
+    ) -> Float[Array, ""]:
+        """The share of agreeing points in the drawing that begins at `first`."""
+        i = jnp.floor(x / raster_config.cell + size / 2).astype(jnp.int32)
+        j = jnp.floor(y / raster_config.cell + size / 2).astype(jnp.int32)
+        inside = (i >= 0) & (i < size) & (j >= 0) & (j < size)
+        cell = jnp.where(inside, first + i * size + j, 0)
+        found = cells.at[cell].get(mode="promise_in_bounds").astype(jnp.int32)
+        both = jnp.sum(jnp.where(inside, found, 0))
+        agree = (both % _CONTRADICTS).astype(jnp.float32)
+        against = (both // _CONTRADICTS).astype(jnp.float32) * config.contradiction
+        return agree / jnp.maximum(agree + against + config.doubt * hits, 1.0)
+
+    x, y = T_ref_query[0], T_ref_query[1]
+    ahead = said(
+        references.cells.reshape(-1),
+        row * (size * size),
+        cos * query.x - sin * query.y + x,
+        sin * query.x + cos * query.y + y,
+        query.hits,
+    )
+    dx, dy = references.x[row] - x, references.y[row] - y
+    back = said(
+        query.cells.reshape(-1),
+        jnp.int32(0),
+        cos * dx + sin * dy,
+        cos * dy - sin * dx,
+        references.hits[row],
+    )
+    return ahead * back * rating / (rating + config.votes)

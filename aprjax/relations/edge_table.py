@@ -1,0 +1,82 @@
+"""The edges of all references in one table, sorted by length: the index table of 2.B on the device.
+
+Edges as long as a given one are neighbours in it, so that a query's corresponding edges in all
+references are a few contiguous slices. `aprjax.relations.index_table` is its definition.
+"""
+
+from typing import Self
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from aprjax.relations.graph import AnchorGraph
+
+SLICE = 256
+"""Edges that may be read past the last one, so that slices of this many need no special case."""
+
+
+class EdgeTable(eqx.Module):
+    """Undirected edges, shortest first. Slots without one come last and are infinitely long.
+
+    Coordinates are arrays of their own: XLA on a CPU vectorises no arithmetic on a stack of them.
+    """
+
+    length: Float[Array, "*edges"]
+    """d in metres."""
+    x: Float[Array, "*edges"]
+    """Of the middle of each edge, in metres, in the frame of its reference."""
+    y: Float[Array, "*edges"]
+    cos: Float[Array, "*edges"]
+    """Of its direction, in [0, π]: an edge has no sense."""
+    sin: Float[Array, "*edges"]
+    direction: Float[Array, "*edges"]
+    """Radians."""
+    row: Int[Array, "*edges"]
+    """The reference that the edge belongs to."""
+
+    @classmethod
+    def build(cls, graphs: AnchorGraph) -> Self:
+        """The table of stacked graphs `(rows, ...)` on the host.
+
+        It has a slot for every edge that the capacities allow, and `SLICE` more: its shape
+        depends on theirs alone.
+        """
+        anchors = graphs.xy.shape[-2]
+        a, b = np.triu_indices(anchors, k=1)
+        valid = np.asarray(graphs.valid)[:, a, b]
+        row, edge = np.nonzero(valid)
+        order = np.argsort(np.asarray(graphs.length)[row, a[edge], b[edge]], kind="stable")
+        row, edge = row[order], edge[order]
+        start, stop = a[edge], b[edge]
+        xy, unit = np.asarray(graphs.xy), np.asarray(graphs.unit)[row, start, stop]
+        cos, sin = np.where(unit[:, 1:] < 0, -unit, unit).T
+        x, y = 0.5 * (xy[row, start] + xy[row, stop]).T
+
+        def padded(values: np.ndarray, fill: float = 0) -> Array:
+            missing = valid.size + SLICE - len(row)
+            return jax.device_put(np.pad(values, (0, missing), constant_values=fill))
+
+        return cls(
+            length=padded(np.asarray(graphs.length)[row, start, stop], fill=np.inf),
+            x=padded(x),
+            y=padded(y),
+            cos=padded(cos),
+            sin=padded(sin),
+            direction=padded(np.arctan2(sin, cos)),
+            row=padded(row.astype(np.int32)),
+        )
+
+    def slice(self, start: Int[Array, ""]) -> Self:
+        """The `SLICE` edges from `start` on."""
+        return jax.tree.map(lambda array: jax.lax.dynamic_slice_in_dim(array, start, SLICE), self)
+
+    def window(
+        self, length: Float[Array, "*k"], tolerance: Float[Array, ""]
+    ) -> tuple[Int[Array, "*k"], Int[Array, "*k"]]:
+        """Begin and end of the slots whose edges are as long as `length` to within `tolerance`."""
+        begin = jnp.searchsorted(self.length, length - tolerance, side="left")
+        end = jnp.searchsorted(self.length, length + tolerance, side="right")
+        return begin.astype(jnp.int32), end.astype(jnp.int32)
