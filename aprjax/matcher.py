@@ -112,23 +112,35 @@ class MatchResult(eqx.Module):
     """A `Status`."""
 
 
-def match(scan: Scan, references: ReferenceSet, config: MatchConfig | None = None) -> MatchResult:
-    """Where one scan was taken, with respect to every reference.
+def match(
+    scan: Scan,
+    references: ReferenceSet,
+    config: MatchConfig | None = None,
+    *,
+    exclude: Sequence[int] | np.ndarray = (),
+) -> MatchResult:
+    """Where one scan was taken, with respect to every reference whose id is not in `exclude`.
 
     `match_batch` without the leading axis.
     """
-    result = match_batch([scan], references, config)
+    result = match_batch([scan], references, config, exclude=np.asarray([exclude], np.int32))
     return jax.tree.map(lambda array: array[0], result)
 
 
 def match_batch(
-    scans: Sequence[Scan] | Scan, references: ReferenceSet, config: MatchConfig | None = None
+    scans: Sequence[Scan] | Scan,
+    references: ReferenceSet,
+    config: MatchConfig | None = None,
+    *,
+    exclude: np.ndarray | None = None,
 ) -> MatchResult:
     """Where each scan was taken, with respect to every reference, in one jitted call.
 
     On a CPU, a batch of several chunks is shared among its cores, one such call for each.
     `scans` is a list of scans or a stacked `Scan`; the result has a leading axis of that length
-    and lies on the host. The call compiles once for each bucket of beams, of references and
+    and lies on the host. `exclude` `(queries, any)` are ids of references that must not answer a
+    query, as the scans taken just before it in a search for closed loops; -1 stands for none. The
+    call compiles once for each bucket of beams, of references and
     of queries (see `numerics.bucket`), whatever the thresholds. Raises `ValueError` for an empty
     list and for no references; a scan in which nothing can be found is no error but a status.
     """
@@ -139,6 +151,7 @@ def match_batch(
     if batch.ranges.ndim != 2 or batch.ranges.shape[0] == 0:
         raise ValueError(f"scans: ranges of shape {batch.ranges.shape} are not (queries, beams)")
     queries = batch.ranges.shape[0]
+    excluded = _excluded(exclude, queries)
     on_cpu = jax.default_backend() == "cpu"
     cores = (os.cpu_count() or 1) if on_cpu else 1
     workers = min(cores, max(queries // config.chunk, 1))
@@ -148,9 +161,16 @@ def match_batch(
 
     def work(start: int) -> MatchResult:
         here = jax.tree.map(lambda array: np.asarray(array)[start : start + part], batch)
-        count = np.int32(here.ranges.shape[0])
+        count = here.ranges.shape[0]
+        ids = np.pad(excluded[start : start + part], [(0, slots - count), (0, 0)])
         return _match_chunks(
-            here.pad_batch(slots), count, references.index, config, chunk, together=not on_cpu
+            here.pad_batch(slots),
+            ids,
+            np.int32(count),
+            references.index,
+            config,
+            chunk,
+            together=not on_cpu,
         )
 
     # XLA runs the calls of one thread one after another, those of several at the same time. The
@@ -164,9 +184,22 @@ def match_batch(
     )
 
 
+def _excluded(exclude: np.ndarray | None, queries: int) -> np.ndarray:
+    """Checked ids `(queries, any)`, at least one column of them."""
+    if exclude is None:
+        return np.full((queries, 1), -1, np.int32)
+    ids = np.asarray(exclude)
+    if ids.ndim != 2 or len(ids) != queries:
+        raise ValueError(f"exclude: shape {ids.shape} is not ({queries}, any)")
+    if ids.size and not np.issubdtype(ids.dtype, np.integer):
+        raise ValueError(f"exclude: {ids.dtype} is no type of ids")
+    return np.pad(ids.astype(np.int32), [(0, 0), (0, int(ids.shape[1] == 0))], constant_values=-1)
+
+
 @partial(jax.jit, static_argnames=("chunk", "together"))
 def _match_chunks(
     scans: Scan,
+    excluded: Int[Array, "slots any"],
     queries: Int[Array, ""],
     references: ReferenceIndex,
     config: MatchConfig,
@@ -180,47 +213,58 @@ def _match_chunks(
     the bucket costs no time.
     """
 
-    def part(index):
-        return jax.tree.map(lambda a: jax.lax.dynamic_slice_in_dim(a, index * chunk, chunk), scans)
+    def of_chunk(index: int | Array) -> MatchResult:
+        here, ids = jax.tree.map(
+            lambda a: jax.lax.dynamic_slice_in_dim(a, index * chunk, chunk), (scans, excluded)
+        )
+        return _match_chunk(here, ids, references, config, together)
 
-    def work(index, results):
-        result = _match_chunk(part(index), references, config, together)
+    def work(index: Array, results: MatchResult) -> MatchResult:
         return jax.tree.map(
             lambda all_, new: jax.lax.dynamic_update_slice_in_dim(all_, new, index * chunk, 0),
             results,
-            result,
+            of_chunk(index),
         )
 
-    shapes = jax.eval_shape(lambda: _match_chunk(part(0), references, config, together))
+    shapes = jax.eval_shape(of_chunk, 0)
     slots = scans.ranges.shape[0]
     empty = jax.tree.map(lambda leaf: jnp.zeros((slots, *leaf.shape[1:]), leaf.dtype), shapes)
     return jax.lax.fori_loop(0, (queries + chunk - 1) // chunk, work, empty)
 
 
 def _match_chunk(
-    scans: Scan, references: ReferenceIndex, config: MatchConfig, together: bool
+    scans: Scan,
+    excluded: Int[Array, "chunk any"],
+    references: ReferenceIndex,
+    config: MatchConfig,
+    together: bool,
 ) -> MatchResult:
     """Section 2 of the paper for a few queries at once."""
     queries = jax.vmap(describe, (0, None))(scans, references.config)
     relation = references.config.relation
     q_m = preselection_quality(queries.histogram, references.features.histogram, relation)
 
-    def one(of: tuple[Features, Array]) -> MatchResult:
+    def one(of: tuple[Features, Array, Array]) -> MatchResult:
         return _match_one(*of, references, config)
 
     each = jax.vmap(one) if together else partial(jax.lax.map, one)
-    return each((queries, q_m))
+    return each((queries, q_m, excluded))
 
 
 def _match_one(
     query: Features,
-    q_m: Float[Array, " references"],
+    q_m: Float[Array, " rows"],
+    excluded: Int[Array, " any"],
     references: ReferenceIndex,
     config: MatchConfig,
 ) -> MatchResult:
     """Candidates, their alignments, the looks, refinement and evaluation, for one query."""
     views = references.features.view
-    found, listed = (_cascade if config.cascade else _exhaustive)(query, q_m, references, config)
+    answering = references.valid & ~jnp.any(references.ids[:, None] == excluded[None, :], axis=1)
+    allowed = _preselected(q_m, answering, config)
+    found, listed = (_cascade if config.cascade else _exhaustive)(
+        query, allowed, references, config
+    )
     kept, row = listed.alternatives, listed.row
 
     def evaluate(alternative: Alternatives, row: Int[Array, ""]):
@@ -281,12 +325,11 @@ def _match_one(
 
 def _cascade(
     query: Features,
-    q_m: Float[Array, " rows"],
+    allowed: Bool[Array, " rows"],
     references: ReferenceIndex,
     config: MatchConfig,
 ) -> tuple[Int[Array, " rows"], Shortlist]:
     """Poses that edges vote for, how many in each reference, and the best after two quick looks."""
-    allowed = references.valid & _preselected(q_m, references, config)
     votes = vote(
         references.edges,
         references.features.histogram.edges,
@@ -294,7 +337,7 @@ def _cascade(
         query.graph,
         config.voting,
     )
-    found = jnp.zeros(q_m.shape[0], jnp.int32).at[votes.row].add(votes.valid.astype(jnp.int32))
+    found = jnp.zeros(allowed.shape[0], jnp.int32).at[votes.row].add(votes.valid.astype(jnp.int32))
     listed = shortlist(
         votes,
         references.features,
@@ -308,7 +351,7 @@ def _cascade(
 
 def _exhaustive(
     query: Features,
-    q_m: Float[Array, " rows"],
+    allowed: Bool[Array, " rows"],
     references: ReferenceIndex,
     config: MatchConfig,
 ) -> tuple[Int[Array, " rows"], Shortlist]:
@@ -318,20 +361,19 @@ def _exhaustive(
     spectra = jax.vmap(direction_spectrum, (0, None))(graphs, relation)
     angles = matching_angles(direction_spectrum(query.graph, relation)[None], spectra, relation)[0]
     aligned = jax.vmap(align, (0, None, 0, None))(graphs, query.graph, angles, config.alignment)
-    allowed = references.valid & _preselected(q_m, references, config)
     aligned = eqx.tree_at(lambda a: a.valid, aligned, aligned.valid & allowed[:, None])
     found = jnp.sum(aligned.valid, axis=1, dtype=jnp.int32)
-    return found, all_alternatives(aligned, jnp.arange(q_m.shape[0]))
+    return found, all_alternatives(aligned, jnp.arange(allowed.shape[0]))
 
 
 def _preselected(
-    q_m: Float[Array, " rows"], references: ReferenceIndex, config: MatchConfig
+    q_m: Float[Array, " rows"], answering: Bool[Array, " rows"], config: MatchConfig
 ) -> Bool[Array, " rows"]:
-    """Whether a reference is among the `top_k` of the highest q_m; ties go to the lowest id."""
+    """Those `answering` that are among the `top_k` of the highest q_m; ties go to the lowest id."""
     if config.top_k is None or config.top_k >= q_m.shape[0]:
-        return jnp.ones(q_m.shape[0], bool)
-    _, rows = jax.lax.top_k(jnp.where(references.valid, q_m, -1.0), config.top_k)
-    return jnp.zeros(q_m.shape[0], bool).at[rows].set(True)
+        return answering
+    _, rows = jax.lax.top_k(jnp.where(answering, q_m, -1.0), config.top_k)
+    return answering & jnp.zeros(q_m.shape[0], bool).at[rows].set(True)
 
 
 def _ranked(

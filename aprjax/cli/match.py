@@ -5,6 +5,8 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +19,10 @@ from aprjax.cli.inputs import holds_references, open_references, read_scans, war
 from aprjax.cli.outputs import check_output
 from aprjax.cli.progress import Progress
 from aprjax.features import FeatureConfig
+from aprjax.io.pieces import Pieces, fingerprint
 from aprjax.io.reference_file import save_references
 from aprjax.io.tables import write_matches
-from aprjax.matcher import MatchConfig, match_batch
+from aprjax.matcher import MatchConfig, MatchResult, match_batch
 from aprjax.references import ReferenceSet
 from aprjax.scan import Scan
 from aprjax.shortlist import ShortlistConfig
@@ -34,7 +37,8 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
         "match",
         help="match every scan of a log with reference scans",
         description="Match every scan of a log with all reference scans. Only the scans are "
-        "used: neither poses nor their order.",
+        "used: neither poses nor their order. What is finished is kept beside F.csv until all "
+        "is: started again after an interruption, the command goes on where it was.",
     )
     parser.add_argument(
         "references", type=Path, metavar="REFERENCES", help="a log, or a saved reference file"
@@ -66,6 +70,11 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
         help="give every alignment the full evaluation, not only those that pass a quick check",
     )
     parser.add_argument(
+        "--exclude-self",
+        action="store_true",
+        help="compare no scan with the reference of its own number, for a log against itself",
+    )
+    parser.add_argument(
         "--anchors",
         type=_count,
         default=None,
@@ -92,8 +101,11 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.save_references:
         save_references(references, arguments.save_references)
 
-    results, seconds = _match(queries, references, _config(arguments))
-    _write(arguments.out, results)
+    stacked, config = Scan.stack(queries), _config(arguments)
+    exclude = _own_number(len(queries), references) if arguments.exclude_self else None
+    with _kept_pieces(arguments.out, stacked, references, config, exclude) as pieces:
+        results, seconds = _match(stacked, references, config, exclude, pieces)
+        _write(arguments.out, results)
     _summarise(len(references), results, seconds)
 
 
@@ -134,15 +146,48 @@ def _config(arguments: argparse.Namespace) -> MatchConfig:
     )
 
 
+def _own_number(queries: int, references: ReferenceSet) -> np.ndarray:
+    """The id of each query's own reference; -1 where there is none."""
+    numbers = np.arange(queries, dtype=np.int32)
+    return np.where(np.isin(numbers, references.ids), numbers, -1)[:, None]
+
+
+@contextmanager
+def _kept_pieces(
+    out: str,
+    queries: Scan,
+    references: ReferenceSet,
+    config: MatchConfig,
+    exclude: np.ndarray | None,
+) -> Iterator[Pieces]:
+    """Where finished pieces are kept until the block ends without an error.
+
+    Beside the table, or in a passing folder if that goes to standard output.
+    """
+    if out == "-":
+        with tempfile.TemporaryDirectory() as folder:
+            yield Pieces.open(Path(folder), "")
+        return
+    run = fingerprint(
+        queries, references.scans, references.ids, references.index.config, config, exclude
+    )
+    pieces = Pieces.open(Path(out).with_name(f"{Path(out).name}.pieces"), run)
+    yield pieces
+    pieces.discard()
+
+
 def _match(
-    queries: list[Scan], references: ReferenceSet, config: MatchConfig
+    queries: Scan,
+    references: ReferenceSet,
+    config: MatchConfig,
+    exclude: np.ndarray | None,
+    pieces: Pieces,
 ) -> tuple[dict[str, Any], list[tuple[int, float]]]:
-    """The columns of the result table, and the queries and seconds of each piece.
+    """The columns of the result table, and the queries and seconds of each piece worked on.
 
     The pieces are of one size, so that one compilation, in the first, serves all.
     """
-    stacked = Scan.stack(queries)
-    count = len(queries)
+    count = len(queries.ranges)
     # The size that leaves the last piece fullest.
     size = min(count, min(_PIECES, key=lambda size: -(-count // size) * size))
     columns: list[dict[str, Any]] = []
@@ -150,26 +195,35 @@ def _match(
     with Progress("matching", count) as progress:
         for start in range(0, count, size):
             began, stop = time.monotonic(), min(start + size, count)
-            piece = jax.tree.map(lambda array: array[start:stop], stacked)  # noqa: B023
-            # Empty scans fill up the last piece.
-            result = match_batch(piece.pad_batch(size), references, config)
-            result = jax.tree.map(lambda array: np.asarray(array[: stop - start]), result)  # noqa: B023
-            columns.append(
-                {
-                    "reference": result.reference,
-                    "pose": result.T_ref_query,
-                    "quality": result.quality,
-                    "preselection": result.preselection,
-                    "valid": result.valid,
-                    "status": np.array([Status(int(s)).text for s in result.status]),
-                    "agreeing_anchors": result.agreeing_anchors,
-                    "agreeing_beams": result.agreeing_beams,
-                    "probability": result.probability,
-                }
-            )
-            seconds.append((stop - start, time.monotonic() - began))
+            name = f"{start:08d}-{stop:08d}"
+            done = pieces.load(name)
+            if done is None:
+                piece = jax.tree.map(lambda array: array[start:stop], queries)  # noqa: B023
+                # Empty scans fill up the last piece.
+                missing = [(0, size - (stop - start)), (0, 0)]
+                ids = None if exclude is None else np.pad(exclude[start:stop], missing)
+                result = match_batch(piece.pad_batch(size), references, config, exclude=ids)
+                done = _columns(jax.tree.map(lambda array: array[: stop - start], result))  # noqa: B023
+                pieces.store(name, done)
+                seconds.append((stop - start, time.monotonic() - began))
+            columns.append(done)
             progress.advance(stop - start)
     return {name: np.concatenate([part[name] for part in columns]) for name in columns[0]}, seconds
+
+
+def _columns(result: MatchResult) -> dict[str, np.ndarray]:
+    """What the table shows of each query."""
+    return {
+        "reference": np.asarray(result.reference),
+        "pose": np.asarray(result.T_ref_query),
+        "quality": np.asarray(result.quality),
+        "preselection": np.asarray(result.preselection),
+        "valid": np.asarray(result.valid),
+        "status": np.array([Status(int(s)).text for s in np.asarray(result.status)]),
+        "agreeing_anchors": np.asarray(result.agreeing_anchors),
+        "agreeing_beams": np.asarray(result.agreeing_beams),
+        "probability": np.asarray(result.probability),
+    }
 
 
 def _write(out: str, results: dict[str, Any]) -> None:
@@ -186,22 +240,22 @@ def _write(out: str, results: dict[str, Any]) -> None:
 def _summarise(references: int, results: dict[str, Any], seconds: list[tuple[int, float]]) -> None:
     """One line on standard error. The first of several pieces, which compiles, is no measure."""
     queries, found = len(results["status"]), int(results["valid"].sum())
-    measured = seconds[1:] or seconds
-    each = 1e3 * sum(time for _, time in measured) / sum(count for count, _ in measured)
     statuses = Counter(results["status"].tolist())
     print(
-        f"{queries} queries, {references} references: {found} hypotheses in "
-        f"{sum(time for _, time in seconds):.1f} s, {each:.1f} ms per query"
-        f"{'' if len(seconds) > 1 else ' with compilation'};",
+        f"{queries} queries, {references} references: {found} hypotheses{_pace(seconds)};",
         ", ".join(f"{name} {count}" for name, count in statuses.most_common()),
         file=sys.stderr,
     )
 
 
-def _count(text: str) -> int:
-    if not (text.isdecimal() and text.isascii() and int(text) > 0):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1")
-    return int(text)
+def _pace(seconds: list[tuple[int, float]]) -> str:
+    """The time that matching took, if it was not all done before."""
+    if not seconds:
+        return ""
+    measured = seconds[1:] or seconds
+    each = 1e3 * sum(time for _, time in measured) / sum(count for count, _ in measured)
+    compiled = "" if len(seconds) > 1 else " with compilation"
+    return f" in {sum(time for _, time in seconds):.1f} s, {each:.1f} ms per query{compiled}"
 
 
 def _top_k(text: str) -> int | None:
@@ -216,3 +270,9 @@ def _share(text: str) -> float:
     if not 0 <= value <= 1:
         raise argparse.ArgumentTypeError(f"{text!r} is not a number from 0 to 1")
     return value
+
+
+def _count(text: str) -> int:
+    if not (text.isdecimal() and text.isascii() and int(text) > 0):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1")
+    return int(text)

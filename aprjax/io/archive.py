@@ -50,6 +50,10 @@ class Archive:
     def __init__(self, arrays: dict[str, np.ndarray], kind: str) -> None:
         self._arrays, self._kind = arrays, kind
 
+    def all(self) -> dict[str, np.ndarray]:
+        """Every array, unchecked."""
+        return dict(self._arrays)
+
     def get(self, name: str, shape: tuple[int | None, ...], kind: type | str) -> np.ndarray:
         """The array `name` if it has this shape (None: any length) and dtype ("U": text)."""
         array = self._arrays.get(name)

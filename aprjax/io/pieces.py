@@ -1,0 +1,74 @@
+"""Pieces of a long computation, kept on disk until it is complete.
+
+A run that was interrupted goes on where it was when it is started again. The folder belongs to one
+run, told by its fingerprint: pieces of another are thrown away, not mixed in.
+"""
+
+import hashlib
+import shutil
+from pathlib import Path
+from typing import Self
+
+import jax
+import numpy as np
+
+from aprjax.io.archive import ArchiveError, read_archive
+from aprjax.io.atomic import atomic_write
+
+_FORMAT = "aprjax pieces"
+_VERSION = 1
+
+
+def fingerprint(*inputs: object) -> str:
+    """A digest of everything that a result depends on: trees of arrays, and their structure."""
+    digest = hashlib.sha256()
+    leaves, structure = jax.tree.flatten(inputs)
+    digest.update(str(structure).encode())
+    for leaf in leaves:
+        array = np.asarray(leaf)
+        digest.update(f"{array.dtype} {array.shape}".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+class Pieces:
+    """The finished pieces of one run in a folder of their own."""
+
+    def __init__(self, folder: Path, run: str) -> None:
+        self._folder, self._run = folder, run
+
+    @classmethod
+    def open(cls, folder: Path, run: str) -> Self:
+        """The pieces of the run with this `fingerprint`, of which there may be none.
+
+        Raises `OSError` where the folder cannot be made.
+        """
+        folder.mkdir(exist_ok=True)
+        return cls(folder, run)
+
+    def load(self, name: str) -> dict[str, np.ndarray] | None:
+        """The columns of a finished piece; None if it is not there, damaged, or of another run."""
+        try:
+            archive = read_archive(self._folder / f"{name}.npz", "piece")
+            archive.check_format(_FORMAT, _VERSION)
+            columns = archive.all()
+        except ArchiveError:
+            return None
+        if str(columns.pop("run", "")) != self._run:
+            return None
+        return {name: columns[name] for name in columns if name not in ("format", "version")}
+
+    def store(self, name: str, columns: dict[str, np.ndarray]) -> None:
+        """Keep a piece under a name of its own. Raises `OSError`."""
+        with atomic_write(self._folder / f"{name}.npz", "wb") as file:
+            np.savez(
+                file,
+                format=np.array(_FORMAT),
+                version=np.int64(_VERSION),
+                run=np.array(self._run),
+                **columns,  # pyright: ignore[reportArgumentType]
+            )
+
+    def discard(self) -> None:
+        """Remove the folder, when the result that the pieces were for is written."""
+        shutil.rmtree(self._folder, ignore_errors=True)
