@@ -1,0 +1,73 @@
+"""`aprjax match` interrupted and started again, and a log matched with itself."""
+
+import csv
+import io
+
+import pytest
+
+import aprjax.cli.match as cli_match
+from aprjax.cli.main import main
+
+
+class InterruptedRunError(Exception):
+    pass
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """Pieces of eight queries; the number of calls so far, and after how many to stop for good."""
+    counted = {"done": 0, "stop": None}
+    matched = cli_match.match_batch
+
+    def counting(*arguments, **options):
+        if counted["done"] == counted["stop"]:
+            raise InterruptedRunError
+        counted["done"] += 1
+        return matched(*arguments, **options)
+
+    monkeypatch.setattr(cli_match, "_PIECES", (8,))
+    monkeypatch.setattr(cli_match, "match_batch", counting)
+    return counted
+
+
+def run(logs, out, *options):
+    assert main(["match", *map(str, logs), "--out", str(out), *options]) == 0
+    return out.read_bytes()
+
+
+def interrupt(logs, out, calls, *options):
+    """A run that stops before its third and last piece."""
+    calls["stop"] = calls["done"] + 2
+    with pytest.raises(InterruptedRunError):
+        main(["match", *map(str, logs), "--out", str(out), *options])
+    calls.update(done=0, stop=None)
+
+
+def test_an_interrupted_run_goes_on_where_it_was_with_the_same_table(logs, tmp_path, calls):
+    whole = run(logs, tmp_path / "whole.csv")
+    out = tmp_path / "m.csv"
+    interrupt(logs, out, calls)
+    assert not out.exists()
+    assert run(logs, out) == whole
+    assert calls["done"] == 1
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["m.csv", "whole.csv"]
+
+
+def test_what_another_run_left_is_not_mixed_in(logs, tmp_path, calls):
+    out = tmp_path / "m.csv"
+    interrupt(logs, out, calls, "--hypotheses", "3")
+    first = run(logs, out)
+    assert calls["done"] == 3
+    assert run(logs, tmp_path / "whole.csv") == first
+
+
+def test_no_scan_answers_itself_where_that_is_asked_for(logs, tmp_path):
+    _, queries = logs
+    tables = {}
+    for name, options in (("with", ()), ("without", ("--exclude-self",))):
+        text = run((queries, queries), tmp_path / f"{name}.csv", *options).decode()
+        tables[name] = list(csv.DictReader(io.StringIO(text)))
+    own = [row["reference"] == row["query"] for row in tables["with"] if row["rank"] == "0"]
+    assert sum(own) >= 15
+    assert not any(row["reference"] == row["query"] for row in tables["without"])
+    assert sum(row["reference"] != "" for row in tables["without"] if row["rank"] == "0") >= 10

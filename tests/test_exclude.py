@@ -1,0 +1,52 @@
+"""References that must not answer a query."""
+
+import jax
+import numpy as np
+import pytest
+
+from aprjax.matcher import match, match_batch
+from aprjax.references import ReferenceSet
+from tests.worlds import office, scan_at
+
+PLACES = np.array([[12.0, 0.0, 0.3], [12.3, 0.1, 0.1], [6.0, 0.2, 0.0], [18.0, 0.0, 2.0]])
+QUERY = np.array([12.1, 0.1, 0.2])
+
+
+@pytest.fixture(scope="module")
+def scene():
+    world = office(seed=3)
+    scans = [scan_at(world, pose) for pose in (*PLACES, QUERY)]
+    return ReferenceSet.build(scans[:4]), scans[4]
+
+
+def test_an_excluded_reference_is_in_no_hypothesis_and_the_next_one_answers(scene):
+    references, query = scene
+    first = match(query, references)
+    best = int(first.reference[0])
+    assert best in (0, 1)
+    other = match(query, references, exclude=[best])
+    assert other.reference[0] == 1 - best
+    assert best not in other.reference
+    none = match(query, references, exclude=[0, 1, 2, 3])
+    assert not none.valid.any()
+    assert (none.reference == -1).all()
+
+
+def test_each_query_has_its_own(scene):
+    references, query = scene
+    exclude = np.array([[-1, -1], [0, 1], [1, -1]])
+    result = match_batch([query] * 3, references, exclude=exclude)
+    for index, ids in enumerate(exclude):
+        alone = match(query, references, exclude=ids)
+        jax.tree.map(
+            lambda together, single: np.testing.assert_array_equal(together[index], single),  # noqa: B023
+            result,
+            alone,
+        )
+
+
+@pytest.mark.parametrize("exclude", [np.array([1, 2]), np.zeros((2, 1), int), np.array([[0.5]])])
+def test_what_is_no_array_of_ids_for_each_query_is_refused(scene, exclude):
+    references, query = scene
+    with pytest.raises(ValueError, match="exclude: "):
+        match_batch([query], references, exclude=exclude)
