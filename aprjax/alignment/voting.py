@@ -128,7 +128,8 @@ def vote(
     best = jnp.max(counters * config.depth + level, axis=0)
     pairs = k_m * jnp.maximum(query.edges.astype(jnp.float32), 1.0)
     weight = jnp.where(allowed, jax.lax.rsqrt(jnp.maximum(pairs, 1.0)), 0.0)
-    rating = (best // config.depth).reshape(config.grids, rows, config.places) * weight[:, None]
+    votes = (best // config.depth).astype(jnp.float32)
+    rating = votes.reshape(config.grids, rows, config.places) * weight[None, :, None]
     rating = rating.reshape(-1, config.places).T
     rating, row = jax.lax.top_k(rating, min(config.poses, rating.shape[1]))
     place = (row * config.places + jnp.arange(config.places)[:, None]).reshape(-1)
