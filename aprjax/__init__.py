@@ -3,9 +3,14 @@
 from aprjax.compilation import cache_compilations as cache_compilations
 from aprjax.compilation import warm_up as warm_up
 from aprjax.features import FeatureConfig as FeatureConfig
+from aprjax.grid.drawing import grid_from_scans as grid_from_scans
+from aprjax.grid.occupancy_grid import OccupancyGrid as OccupancyGrid
 from aprjax.io.carmen import LogEntry as LogEntry
 from aprjax.io.carmen import LogError as LogError
 from aprjax.io.carmen import read_log as read_log
+from aprjax.io.occupancy_grid import OccupancyGridError as OccupancyGridError
+from aprjax.io.occupancy_grid import read_occupancy_grid as read_occupancy_grid
+from aprjax.io.occupancy_grid import write_occupancy_grid as write_occupancy_grid
 from aprjax.io.reference_file import ReferenceFileError as ReferenceFileError
 from aprjax.io.reference_file import load_references as load_references
 from aprjax.io.reference_file import save_references as save_references

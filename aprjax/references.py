@@ -11,6 +11,9 @@ from jaxtyping import Array, Bool, Int
 
 from aprjax.evaluation.distinctiveness import Placement
 from aprjax.features import FeatureConfig, Features, describe
+from aprjax.grid.occupancy_grid import OccupancyGrid
+from aprjax.grid.rendering import render
+from aprjax.grid.viewpoints import viewpoints
 from aprjax.numerics import bucket
 from aprjax.relations.edge_table import EdgeTable
 from aprjax.scan import Scan
@@ -85,6 +88,40 @@ class ReferenceSet:
             )
         count = np.shape(stacked.ranges)[0]
         return cls.restore(stacked, np.arange(count), count, config or FeatureConfig(), T_world_ref)
+
+    @classmethod
+    def from_occupancy_grid(
+        cls,
+        grid: OccupancyGrid,
+        config: FeatureConfig | None = None,
+        *,
+        like: Scan | None = None,
+        distance: float = 2.0,
+        clearance: float = 0.3,
+        spacing: float = 0.5,
+    ) -> Self:
+        """The set of scans that a laser would take in a grid, at places that cover its free floor.
+
+        `like` is one scan of the laser, of which beams and limits are taken; by default 360 beams
+        look all around, up to 30 m. With a field of view that is no full turn, each place gets so
+        many headings that every direction is seen from two. The lengths in metres are those of
+        `grid.viewpoints`, to which places are left to: every place of the floor with `clearance`
+        is within `distance` of a viewpoint that sees it. `T_world_ref` are the poses in the
+        grid's world. The same set every time. Raises `ValueError` as `viewpoints` and `render` do.
+        """
+        if like is None:
+            like = Scan.make(
+                np.full(360, np.nan),
+                angle_min=-np.pi,
+                angle_increment=np.pi / 180,
+                range_max=30.0,
+            )
+        xy = viewpoints(grid, distance=distance, clearance=clearance, spacing=spacing)
+        field = float(abs(like.angle_increment)) * max(int(like.beams) - 1, 1)
+        count = 1 if bool(like.full_turn) else int(np.ceil(4 * np.pi / field))
+        headings = np.tile(2 * np.pi / count * np.arange(count), len(xy))
+        T_world_ref = np.column_stack([np.repeat(xy, count, axis=0), headings])
+        return cls.build(render(grid, T_world_ref, like), config, T_world_ref=T_world_ref)
 
     @classmethod
     def restore(

@@ -27,6 +27,7 @@ ORDER = [
     "refine",
     "features",
     "shortlist",
+    "grid",
     "references",
     "matcher",
     "compilation",

@@ -1,0 +1,1 @@
+"""Occupancy grids: drawn from scans, covered with viewpoints, and seen by a scanner."""
