@@ -11,6 +11,11 @@ from aprjax.io.carmen import read_log as read_log
 from aprjax.io.occupancy_grid import OccupancyGridError as OccupancyGridError
 from aprjax.io.occupancy_grid import read_occupancy_grid as read_occupancy_grid
 from aprjax.io.occupancy_grid import write_occupancy_grid as write_occupancy_grid
+from aprjax.io.pose_graph import PoseGraph as PoseGraph
+from aprjax.io.pose_graph import PoseGraphEdge as PoseGraphEdge
+from aprjax.io.pose_graph import PoseGraphError as PoseGraphError
+from aprjax.io.pose_graph import read_pose_graph as read_pose_graph
+from aprjax.io.pose_graph import write_pose_graph as write_pose_graph
 from aprjax.io.reference_file import ReferenceFileError as ReferenceFileError
 from aprjax.io.reference_file import load_references as load_references
 from aprjax.io.reference_file import save_references as save_references

@@ -15,6 +15,7 @@ from aprjax.cli.outputs import check_output
 from aprjax.cli.progress import Progress
 from aprjax.io.atomic import atomic_write
 from aprjax.io.carmen import LogError, read_log
+from aprjax.io.pose_graph import pose_graph_text
 from aprjax.plot.world import draw_world
 from aprjax.world import export
 from aprjax.world.build import build_map
@@ -27,8 +28,14 @@ from aprjax.world.store import MapFileError, load_map, save_map
 from aprjax.world.super_space import assemble, cycles, largest_gap, residuals
 
 _DPI = 130
-_FORMATS = ("score", "node-link", "graphml", "g2o")
-_BY_SUFFIX = {".json": "score", ".graphml": "graphml", ".g2o": "g2o"}
+_FORMATS = ("score", "node-link", "graphml", "g2o", "toro")
+_BY_SUFFIX = {
+    ".json": "score",
+    ".graphml": "graphml",
+    ".g2o": "g2o",
+    ".graph": "toro",
+    ".toro": "toro",
+}
 _LISTED = 5  # cycles that are spelled out
 
 
@@ -79,12 +86,14 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
         "export",
         help="write a map for other programs",
         description="Write the graph and the place of every scan as JSON (score), the graph as "
-        "node-link JSON or GraphML, or its poses as g2o.",
+        "node-link JSON or GraphML, or its poses as a pose graph, g2o or TORO.",
     )
     _add_map(exporting)
     exporting.add_argument("--out", type=Path, required=True, metavar="F", help="file to write")
     exporting.add_argument(
-        "--format", choices=_FORMATS, help="default: by the file's suffix, .json .graphml .g2o"
+        "--format",
+        choices=_FORMATS,
+        help=f"default: by the file's suffix, {' '.join(_BY_SUFFIX)}",
     )
     _add_frame(exporting)
     exporting.set_defaults(run=_export)
@@ -208,8 +217,9 @@ def _export(arguments: argparse.Namespace) -> None:
     check_output(arguments.out, arguments.map)
     world = _load(arguments.map)
     try:
-        if chosen == "g2o":
-            text = export.g2o(world, _frame(world, arguments))
+        if chosen in ("g2o", "toro"):
+            graph = export.pose_graph(world, _frame(world, arguments))
+            text = pose_graph_text(graph, chosen)
         else:
             writers = {
                 "score": export.score_json,

@@ -1,4 +1,4 @@
-"""A world model as other programs read it: JSON to be scored, node-link JSON, GraphML, g2o."""
+"""A world model for other programs: JSON to be scored, node-link JSON, GraphML, a pose graph."""
 
 import io
 import json
@@ -7,6 +7,7 @@ from typing import Any
 import networkx as nx
 import numpy as np
 
+from aprjax.io.pose_graph import PoseGraph, PoseGraphEdge
 from aprjax.world.model import WorldModel
 from aprjax.world.parts import WorldModelError
 
@@ -64,20 +65,19 @@ def graphml(world: WorldModel) -> str:
     return text.getvalue().decode()
 
 
-def g2o(world: WorldModel, frame: dict[int, np.ndarray]) -> str:
-    """A pose graph: the nodes of an assembled `frame`, and the arcs between them."""
-    lines = []
-    for node in sorted(frame):
-        x, y, theta = frame[node]
-        lines.append(f"VERTEX_SE2 {node} {x:.9f} {y:.9f} {theta:.9f}")
-    lines.append(f"FIX {min(frame)}")
+def pose_graph(world: WorldModel, frame: dict[int, np.ndarray]) -> PoseGraph:
+    """The nodes of an assembled `frame`, the first fixed, and the arcs between them."""
+    edges = []
     for arc in world.arcs():
         if arc.a in frame:
-            information = np.linalg.inv(arc.covariance + 1e-12 * np.eye(3))
-            upper = " ".join(f"{value:.9g}" for value in information[np.triu_indices(3)])
-            x, y, theta = arc.T_a_b
-            lines.append(f"EDGE_SE2 {arc.a} {arc.b} {x:.9f} {y:.9f} {theta:.9f} {upper}")
-    return "\n".join(lines) + "\n"
+            # The covariance of an arc is along a's axes, an edge's information along b's.
+            cos, sin = np.cos(arc.T_a_b[2]), np.sin(arc.T_a_b[2])
+            turn = np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]])
+            covariance = turn @ arc.covariance @ turn.T + 1e-12 * np.eye(3)
+            information = np.linalg.inv(covariance)
+            information = (information + information.T) / 2
+            edges.append(PoseGraphEdge(arc.a, arc.b, arc.T_a_b, information))
+    return PoseGraph(poses=dict(frame), edges=edges, fixed=[min(frame)])
 
 
 def _pose(T: np.ndarray) -> dict[str, float]:

@@ -78,6 +78,8 @@ def test_the_picture_is_a_png(command, small, tmp_path, options):
         ("f.graphml", (), "<?xml"),
         ("f.g2o", (), "VERTEX_SE2 0 "),
         ("f.g2o", ("--relaxed",), "VERTEX_SE2 0 "),
+        ("f.graph", (), "VERTEX2 0 "),
+        ("f.txt", ("--format", "toro"), "VERTEX2 0 "),
         ("f.txt", ("--format", "node-link"), '{\n "directed"'),
     ],
 )

@@ -7,9 +7,9 @@ import networkx as nx
 import numpy as np
 import pytest
 
-from aprjax.world.export import g2o, graphml, node_link_json, score_json
+from aprjax.world.export import graphml, node_link_json, pose_graph, score_json
 from aprjax.world.model import WorldModel
-from aprjax.world.parts import Appearance, Place, WorldModelError
+from aprjax.world.parts import Appearance, Arc, Place, WorldModelError
 from aprjax.world.store import MapFileError, load_map, save_map
 from aprjax.world.super_space import assemble
 from tests.worlds import office, scan_at
@@ -154,11 +154,22 @@ def test_the_exports_are_read_by_others(square):
     assert plain.nodes[0]["references"] == 2
     ElementTree.fromstring(graphml(square))
 
-    lines = [line.split() for line in g2o(square, assemble(square)).splitlines()]
-    assert [line[0] for line in lines].count("EDGE_SE2") == 4
-    edge = next(line for line in lines if line[0] == "EDGE_SE2")
-    assert len(edge) == 12
-    assert float(edge[6]) == pytest.approx(1e4, rel=1e-3)  # the inverse of a square centimetre
+    poses = pose_graph(square, assemble(square))
+    assert len(poses.edges) == 4
+    assert poses.fixed == [0]
+    # The inverse of a square centimetre.
+    assert poses.edges[0].information[0, 0] == pytest.approx(1e4, rel=1e-3)
+
+
+def test_information_of_a_pose_graph_is_along_the_axes_of_an_edges_end():
+    world = WorldModel()
+    for _ in range(2):
+        world.add_node()
+    quarter = np.array([2.0, 1.0, np.pi / 2])
+    # In a's frame sure of y, which is b's x.
+    world.add_arc(Arc(0, 1, quarter, np.diag([1.0, 1e-4, 1e-2]), "driven"))
+    edge = pose_graph(world, assemble(world)).edges[0]
+    np.testing.assert_allclose(edge.information, np.diag([1e4, 1.0, 1e2]), rtol=1e-6, atol=1e-3)
 
 
 def test_a_node_without_a_scan_cannot_be_scored(square):
