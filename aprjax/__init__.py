@@ -5,9 +5,9 @@ from aprjax.compilation import warm_up as warm_up
 from aprjax.features import FeatureConfig as FeatureConfig
 from aprjax.grid.drawing import grid_from_scans as grid_from_scans
 from aprjax.grid.occupancy_grid import OccupancyGrid as OccupancyGrid
-from aprjax.io.carmen import LogEntry as LogEntry
-from aprjax.io.carmen import LogError as LogError
-from aprjax.io.carmen import read_log as read_log
+from aprjax.io.log import LogEntry as LogEntry
+from aprjax.io.log import LogError as LogError
+from aprjax.io.logs import read_log as read_log
 from aprjax.io.occupancy_grid import OccupancyGridError as OccupancyGridError
 from aprjax.io.occupancy_grid import read_occupancy_grid as read_occupancy_grid
 from aprjax.io.occupancy_grid import write_occupancy_grid as write_occupancy_grid

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from aprjax.io.carmen import read_log
+from aprjax.io.logs import read_log
 from aprjax.matcher import MatchResult, match_batch
 from aprjax.references import ReferenceSet
 from aprjax.scan import Scan

@@ -10,9 +10,11 @@ import jax
 import numpy as np
 
 from aprjax.anchors.extract import Anchors, ExtractionConfig, extract
-from aprjax.cli.inputs import holds_references, open_references, read_scans
-from aprjax.io.carmen import LogReport
+from aprjax.cli.errors import CommandError
+from aprjax.cli.inputs import add_topic_options, holds_references, open_references, read_entries
+from aprjax.io.log import LogError, LogReport
 from aprjax.io.reference_file import VERSION
+from aprjax.io.rosbag import LASER_TYPES, ODOMETRY, Topic, bag_topics, is_bag
 from aprjax.scan import Scan
 
 _SAMPLE = 64  # scans of which anchors are counted
@@ -21,17 +23,25 @@ _SAMPLE = 64  # scans of which anchors are counted
 def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Add the subcommand to those of the parser."""
     parser = commands.add_parser(
-        "info", help="say what a file holds", description="Say what a log or reference file holds."
+        "info",
+        help="say what a file holds",
+        description="Say what a log, bag or reference file holds. Of a bag with several topics of "
+        "scans or odometry of which none is chosen, only the topics are listed.",
     )
-    parser.add_argument("file", type=Path, metavar="FILE", help="a log, or a reference file")
+    parser.add_argument("file", type=Path, metavar="FILE", help="a log or bag, or a reference file")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
+    add_topic_options(parser, odometry=True)
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Carry out the subcommand. Raises `CommandError` and `OSError`."""
     path = arguments.file
-    facts = _reference_facts(path) if holds_references(path) else _log_facts(path)
+    facts = (
+        _reference_facts(path)
+        if holds_references(path)
+        else _log_facts(path, arguments.topic, arguments.odometry)
+    )
     # A name that is no Unicode must not stop the print.
     facts = {"file": str(path).encode(errors="replace").decode(), **facts}
     if arguments.json:
@@ -41,27 +51,59 @@ def run(arguments: argparse.Namespace) -> None:
             print(f"{key.replace('_', ' ')}: {_plain(value)}")
 
 
-def _log_facts(path: Path) -> dict[str, Any]:
-    scans, report = read_scans(path)
+def _log_facts(path: Path, topic: str | None, odometry: str | None) -> dict[str, Any]:
+    listed = {}
+    if is_bag(path):
+        topics = _bag_topics(path)
+        listed = {"topics": [f"{each.name} {each.kind} {each.messages}" for each in topics]}
+        kinds = [each.kind for each in topics if each.messages]
+        lasers, drives = sum(kind in LASER_TYPES for kind in kinds), kinds.count(ODOMETRY)
+        if (topic is None and lasers != 1) or (odometry is None and drives > 1):
+            return {"kind": "ROS bag", **listed}
+    entries, report = read_entries(path, topic, odometry)
+    scans = [entry.scan for entry in entries]
     return {
-        "kind": "CARMEN log",
-        "lines": report.lines,
+        "kind": report.kind,
+        **listed,
+        f"{report.unit}s": report.lines,
         "scans": report.scans,
         "lasers": list(report.lasers),
         "scans_of_other_lasers": report.other_lasers,
         **_scan_facts(scans),
         "saturation_m": report.saturation,
         "odometry": _odometry(report),
-        "damaged_lines": report.damaged_lines,
-        "damage": [f"line {line}: {reason}" for line, reason in report.damaged[:3]],
+        f"damaged_{report.unit}s": report.damaged_lines,
+        "damage": [f"{report.unit} {number}: {reason}" for number, reason in report.damaged[:3]],
+        **_format_facts(report),
+        "anchors_per_scan": _mean_anchors(scans),
+    }
+
+
+def _bag_topics(path: Path) -> list[Topic]:
+    try:
+        return bag_topics(path)
+    except LogError as error:
+        raise CommandError(str(error)) from None
+
+
+def _format_facts(report: LogReport) -> dict[str, Any]:
+    """What only a CARMEN log has, or only a bag."""
+    if report.kind == "ROS bag":
+        mounts = {
+            topic: [round(float(value), 4) for value in pose]
+            for topic, pose in report.T_robot_laser.items()
+        }
+        return {"odometry_topic": report.odometry, "mounted_at": mounts}
+    return {
         "unknown_lines": report.unknown.total(),
         "unknown_kinds": sorted(report.unknown),
-        "anchors_per_scan": _mean_anchors(scans),
     }
 
 
 def _odometry(report: LogReport) -> bool:
     """Whether entries of the log have odometry that moves."""
+    if report.kind == "ROS bag":
+        return report.odometry is not None
     return report.moved > 0 if report.messages["ODOM"] else report.lasers[0].startswith("ROBOT")
 
 
@@ -127,8 +169,10 @@ def _reference_facts(path: Path) -> dict[str, Any]:
 def _plain(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
-    if value is None or value == []:
+    if value is None or value in ([], {}):
         return "none"
+    if isinstance(value, dict):
+        return ", ".join(f"{name} at {' '.join(map(str, pose))}" for name, pose in value.items())
     if isinstance(value, list):
         between = " to " if isinstance(value[0], int | float) else ", "
         return between.join(map(str, value))

@@ -1,10 +1,14 @@
 """Logs and reference files as the commands read them: what is wrong becomes a `CommandError`."""
 
+import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Literal
 
 from aprjax.cli.errors import CommandError
-from aprjax.io.carmen import LogError, LogReport, read_log
+from aprjax.io.log import LogEntry, LogError, LogReport
+from aprjax.io.logs import read_log
 from aprjax.io.reference_file import ReferenceFileError, load_references, looks_like_references
 from aprjax.references import ReferenceSet
 from aprjax.scan import Scan
@@ -14,6 +18,8 @@ _SHOWN = 3  # damaged lines spelled out
 
 def holds_references(path: Path) -> bool:
     """Whether the file is a saved reference set rather than a log."""
+    if path.is_dir():
+        return False  # a bag of ROS 2
     try:
         return looks_like_references(path)
     except OSError as error:
@@ -28,19 +34,61 @@ def open_references(path: Path) -> ReferenceSet:
         raise CommandError(str(error)) from None
 
 
-def read_scans(path: Path, *, strict: bool = False) -> tuple[list[Scan], LogReport]:
-    """All scans of a log, and what it holds; nothing else of it is looked at."""
+def add_topic_options(parser: argparse.ArgumentParser, *, odometry: bool = False) -> None:
+    """Add the options that choose from what a log holds."""
+    parser.add_argument(
+        "--topic",
+        metavar="T",
+        help="topic of a bag's scans, or laser message of a CARMEN log (default: the only topic, "
+        "the preferred message)",
+    )
+    if odometry:
+        parser.add_argument(
+            "--odometry",
+            metavar="T",
+            help="topic of a bag's odometry, or /tf for its frame odom (default: the only topic, "
+            "else /tf)",
+        )
+
+
+def read_entries(
+    path: Path, topic: str | None, odometry: str | Literal[False] | None, *, strict: bool = False
+) -> tuple[list[LogEntry], LogReport]:
+    """All scans of a log or bag with their odometry, and what it holds."""
+    lasers: Sequence[str] | None = None if topic is None else [topic]
     try:
-        log = read_log(path, strict=strict)
-        return [entry.scan for entry in log], log.report
+        log = read_log(path, lasers=lasers, odometry=odometry, strict=strict)
+        return list(log), log.report
     except LogError as error:
         raise CommandError(str(error)) from None
+    except ValueError as error:
+        raise CommandError(f"{path}: {error}") from None
+
+
+def read_drive(arguments: argparse.Namespace) -> list[LogEntry]:
+    """All scans of a command's log, which must have odometry; says what of it is damaged."""
+    path = arguments.log
+    entries, report = read_entries(
+        path, arguments.topic, arguments.odometry, strict=arguments.strict
+    )
+    warn_of_damage(path, report)
+    if any(entry.odometry is None for entry in entries):
+        raise CommandError(f"{path}: there is no odometry")
+    return entries
+
+
+def read_scans(
+    path: Path, topic: str | None = None, *, strict: bool = False
+) -> tuple[list[Scan], LogReport]:
+    """All scans of a log or bag, and what it holds; nothing else of it is looked at."""
+    entries, report = read_entries(path, topic, False, strict=strict)
+    return [entry.scan for entry in entries], report
 
 
 def warn_of_damage(path: Path, report: LogReport) -> None:
-    """Say on standard error how many lines were skipped as damaged, and why the first ones."""
+    """Say on standard error how much was skipped as damaged, and why the first ones."""
     if not report.damaged_lines:
         return
-    print(f"{path}: skipped {report.damaged_lines} damaged lines", file=sys.stderr)
-    for line, reason in report.damaged[:_SHOWN]:
-        print(f"  line {line}: {reason}", file=sys.stderr)
+    print(f"{path}: skipped {report.damaged_lines} damaged {report.unit}s", file=sys.stderr)
+    for number, reason in report.damaged[:_SHOWN]:
+        print(f"  {report.unit} {number}: {reason}", file=sys.stderr)

@@ -14,11 +14,11 @@ import jax
 import numpy as np
 
 from aprjax.cli.errors import CommandError
-from aprjax.cli.inputs import warn_of_damage
+from aprjax.cli.inputs import add_topic_options, read_drive
 from aprjax.cli.outputs import check_output, make_folder
 from aprjax.cli.progress import Progress
 from aprjax.io.atomic import atomic_write
-from aprjax.io.carmen import LogEntry, LogError, read_log
+from aprjax.io.log import LogEntry
 from aprjax.io.tables import HypothesisRow, write_hypotheses
 from aprjax.io.trajectory import write_tum
 from aprjax.matcher import MatchConfig, match_batch
@@ -49,7 +49,7 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
         "and through kidnappings. After each scan, the table has a row for every hypothesis.",
     )
     parser.add_argument("map", type=Path, metavar="MAP", help="a map that `map build` wrote")
-    parser.add_argument("log", type=Path, metavar="LOG", help="a log with odometry")
+    parser.add_argument("log", type=Path, metavar="LOG", help="a log or bag with odometry")
     parser.add_argument(
         "--out", required=True, metavar="F.csv", help="the table to write; - is standard output"
     )
@@ -77,6 +77,7 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
     parser.add_argument(
         "--strict", action="store_true", help="stop at a damaged line instead of skipping it"
     )
+    add_topic_options(parser, odometry=True)
     parser.set_defaults(run=run)
 
 
@@ -89,7 +90,7 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.pictures:
         make_folder(arguments.pictures)
     world = _load(arguments.map)
-    entries = _read(arguments)
+    entries = read_drive(arguments)
     # One line for each trouble of a source; progress is on the same stream.
     logging.basicConfig(format="aprjax: %(message)s", stream=sys.stderr)
     start = time.monotonic()
@@ -114,18 +115,6 @@ def _load(path: Path) -> WorldModel:
     if not world.appearances:
         raise CommandError(f"{path}: the map has no reference scans")
     return world
-
-
-def _read(arguments: argparse.Namespace) -> list[LogEntry]:
-    try:
-        log = read_log(arguments.log, strict=arguments.strict)
-        entries = list(log)
-    except LogError as error:
-        raise CommandError(str(error)) from None
-    warn_of_damage(arguments.log, log.report)
-    if any(entry.odometry is None for entry in entries):
-        raise CommandError(f"{arguments.log}: there is no odometry to track with")
-    return entries
 
 
 def _track(world: WorldModel, entries: list[LogEntry]) -> list[Belief]:

@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 
 from aprjax.cli.errors import CommandError
-from aprjax.cli.inputs import warn_of_damage
+from aprjax.cli.inputs import add_topic_options, read_drive
 from aprjax.cli.outputs import check_output
 from aprjax.cli.progress import Progress
 from aprjax.io.atomic import atomic_write
-from aprjax.io.carmen import LogError, read_log
 from aprjax.io.pose_graph import pose_graph_text
 from aprjax.plot.world import draw_world
 from aprjax.world import export
@@ -53,11 +52,12 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
         help="build a map from a log",
         description="Build a map from a log's scans and raw odometry; recognition closes cycles.",
     )
-    build.add_argument("log", type=Path, metavar="LOG", help="a log with odometry")
+    build.add_argument("log", type=Path, metavar="LOG", help="a log or bag with odometry")
     build.add_argument("--out", type=Path, required=True, metavar="MAP", help="the map to write")
     build.add_argument(
         "--strict", action="store_true", help="stop at a damaged line instead of skipping it"
     )
+    add_topic_options(build, odometry=True)
     build.set_defaults(run=_build)
 
     show = inner.add_parser("show", help="draw a map", description="Draw a map as a picture.")
@@ -119,14 +119,7 @@ def _add_frame(parser: argparse.ArgumentParser) -> None:
 
 def _build(arguments: argparse.Namespace) -> None:
     check_output(arguments.out, arguments.log)
-    try:
-        log = read_log(arguments.log, strict=arguments.strict)
-        entries = list(log)
-    except LogError as error:
-        raise CommandError(str(error)) from None
-    if any(entry.odometry is None for entry in entries):
-        raise CommandError(f"{arguments.log}: there is no odometry, so no map can be built")
-    warn_of_damage(arguments.log, log.report)
+    entries = read_drive(arguments)
     start = time.monotonic()
     with Progress("building", 2 * len(entries)) as progress:
         world = build_map(entries, progress=progress.advance)

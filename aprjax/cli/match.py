@@ -15,7 +15,13 @@ import numpy as np
 
 from aprjax.anchors.extract import ExtractionConfig
 from aprjax.cli.errors import CommandError
-from aprjax.cli.inputs import holds_references, open_references, read_scans, warn_of_damage
+from aprjax.cli.inputs import (
+    add_topic_options,
+    holds_references,
+    open_references,
+    read_scans,
+    warn_of_damage,
+)
 from aprjax.cli.outputs import check_output
 from aprjax.cli.progress import Progress
 from aprjax.features import FeatureConfig
@@ -41,9 +47,12 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
         "is: started again after an interruption, the command goes on where it was.",
     )
     parser.add_argument(
-        "references", type=Path, metavar="REFERENCES", help="a log, or a saved reference file"
+        "references",
+        type=Path,
+        metavar="REFERENCES",
+        help="a log or bag, or a saved reference file",
     )
-    parser.add_argument("queries", type=Path, metavar="QUERIES", help="a log")
+    parser.add_argument("queries", type=Path, metavar="QUERIES", help="a log or bag")
     parser.add_argument(
         "--out", required=True, metavar="F.csv", help="the table to write; - is standard output"
     )
@@ -87,6 +96,7 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
     parser.add_argument(
         "--strict", action="store_true", help="stop at a damaged line instead of skipping it"
     )
+    add_topic_options(parser)
     parser.set_defaults(run=run)
 
 
@@ -112,9 +122,9 @@ def run(arguments: argparse.Namespace) -> None:
 def _read(arguments: argparse.Namespace) -> tuple[list[Scan], ReferenceSet]:
     """The query scans, and the references with their features."""
     # Both files are read before anything is computed, so that a bad one is found at once.
-    path, strict = arguments.references, arguments.strict
-    log = None if holds_references(path) else read_scans(path, strict=strict)
-    queries, report = read_scans(arguments.queries, strict=strict)
+    path, topic, strict = arguments.references, arguments.topic, arguments.strict
+    log = None if holds_references(path) else read_scans(path, topic, strict=strict)
+    queries, report = read_scans(arguments.queries, topic, strict=strict)
     if log is None:
         references = open_references(path)
         capacity = references.index.config.extraction.anchors

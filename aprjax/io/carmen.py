@@ -10,91 +10,25 @@ import os
 import zlib
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from aprjax.io.log import LISTED, Log, LogEntry, LogError, LogReport
 from aprjax.io.messages import LASERS, OTHER_KINDS, Sweep, parse
 from aprjax.io.ranging import BINS, Ranging, in_millimetres
-from aprjax.scan import Scan
 
 _LONGEST_LINE = 1 << 20  # bytes: a hundred thousand readings
-_LISTED = 100  # damaged lines and unknown kinds that a report spells out
 
 
-class LogError(ValueError):
-    """A log that cannot be used. One line: the path, the line number if there is one, and why."""
-
-
-@dataclass(frozen=True, eq=False)
-class LogEntry:
-    """One scan of a log."""
-
-    scan: Scan
-    """On the host, with codes and saturation values turned into invalid beams and no returns."""
-    odometry: np.ndarray | None
-    """Robot pose `(3,)` in an odometry frame, metres and radians; None where the log has none."""
-    stamp: float
-    """Seconds as logged; they may be constant, restart or wrap, so they order nothing."""
-    laser: str
-    """The message's name, such as FLASER."""
-    logged_pose: np.ndarray | None
-    """Laser pose `(3,)` on the scan's line. In a corrected log it is the truth: only to score."""
-    line: int
-    """Line number, from 1."""
-
-
-@dataclass
-class LogReport:
-    """What a log holds, and what of it was left out."""
-
-    lines: int = 0
-    scans: int = 0
-    """Intact scans of the chosen lasers: as many as an iteration yields."""
-    lasers: tuple[str, ...] = ()
-    """The chosen laser messages."""
-    other_lasers: int = 0
-    """Intact scans of lasers that were not chosen."""
-    messages: Counter[str] = field(default_factory=Counter)
-    """Lines of each known kind, damaged ones included."""
-    unknown: Counter[str] = field(default_factory=Counter)
-    """Skipped lines of each unknown kind; past a hundred kinds, the others are `(other)`."""
-    damaged: list[tuple[int, str]] = field(default_factory=list)
-    """Line number and reason of the first hundred damaged lines; they were skipped."""
-    damaged_lines: int = 0
-    saturations: dict[str, float] = field(default_factory=dict)
-    """Metres, for each chosen laser that saturates."""
-    moved: int = 0
-    """Chosen scans with two or more ODOM lines since the scan before. Only these can have a step of
-    odometry: where ODOM lines are few, `moved` far below `scans` shows it."""
-
-    @property
-    def saturation(self) -> float | None:
-        """Saturation value in metres of the first chosen laser that saturates."""
-        return next(iter(self.saturations.values()), None)
-
-    @property
-    def vertices(self) -> int:
-        """VERTEX2 lines."""
-        return self.messages["VERTEX2"]
-
-    @property
-    def edges(self) -> int:
-        """EDGE2 lines."""
-        return self.messages["EDGE2"]
-
-
-class Log:
-    """A surveyed log: its `report`, and its scans, a `LogEntry` each, however often iterated.
+class CarmenLog(Log):
+    """A CARMEN log.
 
     Odometry: where the log has ODOM lines, the step to a scan goes from the first ODOM after the
     scan before it to the last ODOM before itself. In a corrected log that first one restates the
     truth, and a step across it would leak the truth; so any laser line ends a step, one of
     another laser or a damaged one too. `odometry` composes the steps from (0, 0, 0) at the first
     scan. Without ODOM lines it is the robot pose of a ROBOTLASER line, never a FLASER's.
-
-    Iteration raises `LogError` if the file can no longer be read.
     """
 
     def __init__(
@@ -104,8 +38,7 @@ class Log:
         params: dict[str, float],
         ranging: dict[str, "Ranging"],
     ) -> None:
-        self.path = path
-        self.report = report
+        super().__init__(path, report)
         self._params = params
         self._ranging = ranging
 
@@ -139,9 +72,9 @@ class Log:
                 )
 
 
-def read_log(
+def read_carmen(
     path: str | os.PathLike[str], *, lasers: Sequence[str] | None = None, strict: bool = False
-) -> Log:
+) -> CarmenLog:
     """Survey a CARMEN log, plain or gzipped, and return it ready to be iterated.
 
     `lasers` names the messages to take, such as `("FLASER", "RLASER")`; the default is the one
@@ -169,7 +102,7 @@ def read_log(
         kind = words[0] if words else ""
         if kind not in LASERS and kind not in OTHER_KINDS:
             if kind:
-                listed = kind in report.unknown or len(report.unknown) < _LISTED
+                listed = kind in report.unknown or len(report.unknown) < LISTED
                 report.unknown[kind if listed else "(other)"] += 1
             continue
         report.messages[kind] += 1
@@ -179,7 +112,7 @@ def read_log(
             if strict:
                 raise LogError(f"{path}: line {number}: {error}") from None
             report.damaged_lines += 1
-            if len(report.damaged) < _LISTED:
+            if len(report.damaged) < LISTED:
                 report.damaged.append((number, str(error)))
             message = None
         if isinstance(message, Sweep):
@@ -202,7 +135,7 @@ def read_log(
     report.saturations = {
         name: each.saturation for name, each in ranging.items() if each.saturation is not None
     }
-    return Log(path, report, params, ranging)
+    return CarmenLog(path, report, params, ranging)
 
 
 def _why_empty(report: LogReport, scans: Counter[str]) -> str:

@@ -8,7 +8,7 @@ from PIL import Image
 
 import aprjax.cli.localize as cli_localize
 from aprjax.cli.main import main
-from aprjax.io.carmen import read_log
+from aprjax.io.logs import read_log
 from aprjax.io.tables import HYPOTHESIS_COLUMNS
 from aprjax.io.trajectory import read_tum
 from aprjax.tracking import tracker

@@ -6,7 +6,7 @@ import pytest
 
 import aprjax.cli.lab as cli_lab
 from aprjax.cli.main import main
-from aprjax.io.carmen import read_log
+from aprjax.io.logs import read_log
 from aprjax.io.trajectory import read_tum
 from aprjax.sim.lab import lab
 from aprjax.sim.laser import Laser

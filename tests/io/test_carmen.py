@@ -4,7 +4,8 @@ import math
 import numpy as np
 import pytest
 
-from aprjax.io.carmen import LogError, read_log
+from aprjax.io.log import LogError
+from aprjax.io.logs import read_log
 from aprjax.io.messages import LASERS
 from tests.make_logs import write_logs
 

@@ -5,8 +5,8 @@ import equinox as eqx
 import numpy as np
 import pytest
 
-from aprjax.io.carmen import read_log
 from aprjax.io.carmen_writer import write_log
+from aprjax.io.logs import read_log
 from aprjax.scan import Scan
 
 RUNS = {

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aprjax.io.carmen import read_log
+from aprjax.io.logs import read_log
 
 # Scans, beams, degrees a step, saturation, longest range that is a hit.
 LOGS = {

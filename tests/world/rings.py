@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from aprjax.cli.main import main
-from aprjax.io.carmen import LogEntry
 from aprjax.io.carmen_writer import write_log
+from aprjax.io.log import LogEntry
 from aprjax.scan import Scan
 from aprjax.sim.odometry import OdometryConfig, odometry
 from tests.worlds import scan_at
