@@ -7,7 +7,7 @@ import math
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -115,9 +115,9 @@ class BagLog(Log):
                 numbers[topic] += 1
                 try:
                     reading = _reading(read(), time)
-                    mount = self._mounts[reading.frame]
+                    mount = self._mounts.get(reading.frame, _CENTRE)
                     scan = reading.scan(self.report.saturations.get(topic), mount.upside_down)
-                except ValueError:
+                except (ValueError, AttributeError):
                     continue
                 yield LogEntry(
                     scan=scan,
@@ -192,21 +192,20 @@ class _Survey:
     report: LogReport
     readings: dict[str, np.ndarray]
     """Of each laser topic, how often each whole millimetre was read."""
-    frames: dict[str, str]
-    """The topic of each frame that scans are in."""
-    odometry: list[tuple[float, float, float, float]]
+    frames: set[tuple[str, str]] = field(default_factory=set)
+    """Topics of scans, each with a frame that some are in."""
+    odometry: list[tuple[float, float, float, float]] = field(default_factory=list)
     """Stamp, x, y, theta."""
-    robot: str
-    """The frame that the odometry is of."""
-    transforms: TransformTree
+    robot: str = ""
+    """The frame that the odometry is of, empty where not known."""
+    transforms: TransformTree = field(default_factory=TransformTree)
 
 
 def _survey(
     path: Path, reader: Any, lasers: tuple[str, ...], source: str | None, strict: bool
 ) -> _Survey:
     report = LogReport(kind="ROS bag", unit="message", lasers=lasers)
-    survey = _Survey(report, {t: np.zeros(BINS, np.int64) for t in lasers}, {}, [], "",
-                     TransformTree())  # fmt: skip
+    survey = _Survey(report, {topic: np.zeros(BINS, np.int64) for topic in lasers})
     topics = _topics(reader)
     report.lines = sum(topic.messages for topic in topics)
     report.messages.update({topic.name: topic.messages for topic in topics})
@@ -225,7 +224,7 @@ def _survey(
                 reading = _reading(message, time)
                 reading.scan()
                 survey.readings[topic] += in_millimetres(reading.ranges)
-                survey.frames.setdefault(reading.frame, topic)
+                survey.frames.add((topic, reading.frame))
                 report.moved += moved >= 2 and report.scans > 0
                 report.scans += 1
                 moved = 0
@@ -272,8 +271,8 @@ def _finish(
             report.moved = max(report.scans - 1, 0)
     if odometry and not len(rows):
         raise LogError(f"{path}: no odometry in {odometry}")
-    mounts = {frame: _mount(path, survey.transforms, frame, robot) for frame in survey.frames}
-    for frame, topic in survey.frames.items():
+    mounts = {frame: _mount(path, survey.transforms, frame, robot) for _, frame in survey.frames}
+    for topic, frame in sorted(survey.frames):
         if mounts[frame].known:
             report.T_robot_laser[topic] = mounts[frame].T_robot_laser
     if not len(rows):

@@ -180,7 +180,7 @@ def test_a_bag_without_scans_names_what_it_holds(mcap, tmp_path):
 
 def test_damaged_messages_are_skipped_and_counted(bag, tmp_path):
     bag.scan(RANGES, 1.0).add("/scan", LASER, 2.0, b"\x00\x01\x00\x00abc")
-    bag.scan(RANGES, 3.0, angle_increment=0.0).scan(RANGES, 4.0)
+    bag.scan(RANGES, 3.0, angle_increment=0.0, frame="other").scan(RANGES, 4.0)
     path = bag.odometry([0, np.nan, 0], 1.0).odometry([0, 1, 0], 2.0).write(tmp_path)
     log = aprjax.read_log(path)
     assert [entry.line for entry in log] == [1, 4]
