@@ -1,4 +1,4 @@
-"""What a scanner would see in an occupancy grid: exact ray casting from cell to cell."""
+"""What a scanner would see in an occupancy grid: ray casting from cell to cell."""
 
 import equinox as eqx
 import jax
@@ -8,6 +8,7 @@ from jaxtyping import Array, Float, Int
 
 from aprjax.grid.occupancy_grid import OccupancyGrid
 from aprjax.grid.plane import compose, inverse
+from aprjax.grid.surface import Surfaces, meet, surfaces
 from aprjax.numerics import bucket
 from aprjax.scan import Scan
 from aprjax.se2 import Pose
@@ -21,6 +22,7 @@ class Cells(eqx.Module):
     """What a ray meets in each cell of a grid, in units of cells."""
 
     state: Int[Array, "rows columns"]
+    surface: Surfaces
 
     @classmethod
     def of(cls, grid: OccupancyGrid) -> "Cells":
@@ -28,7 +30,14 @@ class Cells(eqx.Module):
         state = np.where(grid.occupied, _OCCUPIED, np.where(grid.free, _FREE, _UNKNOWN))
         rows, columns = (bucket(size + 1, smallest=64) for size in state.shape)
         width = [(0, rows - state.shape[0]), (0, columns - state.shape[1])]
-        return cls(np.pad(state.astype(np.int8), width, constant_values=_UNKNOWN))  # pyright: ignore[reportArgumentType]
+
+        def pad(array: np.ndarray, fill: int = 0) -> np.ndarray:
+            return np.pad(array, width + [(0, 0)] * (array.ndim - 2), constant_values=fill)
+
+        return cls(
+            pad(state.astype(np.int8), _UNKNOWN),  # pyright: ignore[reportArgumentType]
+            jax.tree.map(pad, surfaces(grid.occupied)),
+        )
 
     def at(self, x: Int[Array, "..."], y: Int[Array, "..."]) -> Int[Array, "..."]:
         """The states of cells; outside of the grid all are unknown."""
@@ -45,9 +54,9 @@ def cast(
 ) -> Float[Array, " rays"]:
     """Distances along each ray, all in cells and radians, for one pose.
 
-    A hit is the middle of the ray's way through the first occupied cell: where in the cell the
-    surface lies is not known. +inf where all is free up to `range_max`, NaN where an unknown cell
-    comes before, or the laser is in no free cell.
+    A hit is where the ray meets the line of the first occupied cell; where that has none, the
+    middle of the ray's way through it. +inf where all is free up to `range_max`, NaN where an
+    unknown cell comes before, or the laser is in no free cell.
     """
     angle = T_grid_laser[2] + bearings
     along = jnp.stack([jnp.cos(angle), jnp.sin(angle)])
@@ -86,6 +95,9 @@ def cast(
     crossed, entry, met = jax.lax.while_loop(running, advance, (crossed, entry, look(crossed)))
     middle = (entry + jnp.min(leave(crossed), axis=0)) / 2
     hit = (met == _OCCUPIED) & (entry > 0)
+    x, y = origin + step * crossed
+    line = jax.tree.map(lambda array: array[y, x], cells.surface)
+    middle = jnp.maximum(meet(line, start, along, middle), 0.0)
     free = (entry > range_max) | (hit & (middle > range_max))
     return jnp.where(free, jnp.inf, jnp.where(hit, middle, jnp.nan))
 
@@ -94,10 +106,10 @@ def render(grid: OccupancyGrid, T_world_laser: np.ndarray, like: Scan) -> Scan:
     """Scans of a grid from poses `(N, 3)` in metres and radians, stacked on the host.
 
     Their beams and limits are those of `like`, one scan. Nothing is random: a beam says the
-    distance to the middle of the first occupied cell on its way, +inf where all is free up to the
-    limit, NaN where unknown cells come before. Compiles once for each bucket of sizes of the
-    grid. Raises `ValueError` for poses of another shape or that are not finite, and for a `like`
-    that is a batch.
+    distance to the surface in the first occupied cell on its way, see `surfaces`, +inf where all
+    is free up to the limit, NaN where unknown cells come before. Compiles once for each bucket of
+    sizes of the grid. Raises `ValueError` for poses of another shape or that are not finite, and
+    for a `like` that is a batch.
     """
     poses = np.asarray(T_world_laser, float)
     if poses.ndim != 2 or poses.shape[1] != 3 or not len(poses):

@@ -1,8 +1,10 @@
+import equinox as eqx
+import jax
 import numpy as np
 import pytest
 
 from aprjax.grid.occupancy_grid import OccupancyGrid
-from aprjax.grid.rendering import render
+from aprjax.grid.rendering import Cells, cast, render
 from aprjax.scan import Scan
 
 FULL = Scan.make(np.zeros(90), angle_min=-np.pi, angle_increment=np.pi / 45, range_max=20.0)
@@ -47,8 +49,13 @@ def test_ranges_are_those_of_walking_along_each_ray(seed):
     grid = OccupancyGrid.make(cells, grid.resolution)
     row, column = rng.permutation(np.argwhere(grid.free))[0]
     pose = np.array([(column + 0.37) * 0.1, (row + 0.61) * 0.1, rng.uniform(-3, 3)])
-    ranges = np.asarray(render(grid, pose[None], FULL).ranges)[0]
-    expected = marched(grid, pose, np.asarray(FULL.bearings, float), 20.0)
+    # Without lines, a hit is the middle of the way through its cell.
+    cells = Cells.of(grid)
+    cells = eqx.tree_at(lambda c: c.surface.valid, cells, np.zeros_like(cells.surface.valid))
+    bearings = np.asarray(FULL.bearings)
+    in_cells = np.float32(pose / [0.1, 0.1, 1.0])
+    ranges = 0.1 * np.asarray(jax.jit(cast)(cells, in_cells, bearings, np.float32(200.0)))
+    expected = marched(grid, pose, bearings.astype(float), 20.0)
     # A ray through a corner may go either way round it.
     close = np.isclose(ranges, expected, atol=2e-3, equal_nan=True)
     assert close.mean() > 0.97
@@ -60,6 +67,26 @@ def test_a_hit_is_the_middle_of_the_wall_cell_and_only_within_the_limit():
     assert ranges[2] == pytest.approx(5.85 - 4.0, abs=1e-5)
     ranges = np.asarray(render(room(), np.array([[2.0, 2.0, 0.0]]), SMALL).ranges)[0]
     assert np.isposinf(ranges[2])
+
+
+@pytest.mark.parametrize("thick", [0.1, 0.2])
+@pytest.mark.parametrize("turn", [0.1, 0.3, 0.6, 1.2])
+def test_a_wall_at_any_angle_is_seen_to_a_fifth_of_a_cell(turn, thick):
+    normal = np.array([np.cos(turn), np.sin(turn)])
+    row, column = np.indices((80, 80))
+    off = (column + 0.5) * 0.1 * normal[0] + (row + 0.5) * 0.1 * normal[1] - 4.0 * normal.sum()
+    cells = np.where(np.abs(off - 2.0) <= thick / 2, 100, np.where(off < 2.0, 0, -1))
+    pose = np.array([[4.0, 4.0, turn]])
+    scan = render(OccupancyGrid.make(cells, 0.1), pose, SMALL)
+    expected = 2.0 / np.cos(np.asarray(SMALL.bearings))
+    np.testing.assert_allclose(np.asarray(scan.ranges)[0], expected, atol=0.02)
+
+
+def test_a_post_of_a_few_cells_and_a_corner_stay_where_they_are():
+    cells = np.zeros((40, 40))
+    cells[19:21, 30:32] = 100
+    scan = render(OccupancyGrid.make(cells, 0.1), np.array([[1.0, 1.95, 0.0]]), SMALL)
+    assert np.asarray(scan.ranges)[0, 2] == pytest.approx(2.05, abs=1e-4)
 
 
 def test_along_the_axes_no_ray_leaves_its_row():
