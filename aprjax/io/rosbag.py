@@ -415,6 +415,8 @@ def _messages(
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
     """The bag's reader."""
+    if path.is_dir() and not (path / "metadata.yaml").is_file():
+        raise LogError(f"{path}: a folder without metadata.yaml, so not a bag of ROS 2")
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
@@ -422,8 +424,6 @@ def _opened(path: Path) -> Iterator[Any]:
         raise LogError(
             f"{path}: reading a bag asks for the rosbags package: pip install 'aprjax[rosbag]'"
         ) from None
-    if path.is_dir() and not (path / "metadata.yaml").is_file():
-        raise LogError(f"{path}: a folder without metadata.yaml, so not a bag of ROS 2")
     suffix = _suffix(path)
     if suffix is not None and path.suffix != suffix:
         raise LogError(f"{path}: a bag, but its name does not end in {suffix}")
