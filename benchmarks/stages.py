@@ -1,0 +1,254 @@
+"""Where the matcher's time goes: `python -m benchmarks stages`.
+
+Each stage is jitted by itself and given what the stage before it made of one chunk of queries, as
+`aprjax.matcher` works on it. Times are per scan and reference. Beside them:
+
+- `operations`: arithmetic of the stage as it is written, loops counted as often as they run;
+- `least bytes`: what goes in and comes out of it;
+- `XLA flops`, `XLA bytes`: what the compiler counts after fusion; it takes the body of a loop once;
+- how much of the time the machine's peak (`benchmarks.machine.peak`, all cores together) would
+  need for the operations and for the least bytes.
+
+The last row is the chunk as one program, as the matcher compiles it: on one core, where a batch
+gets one for each.
+"""
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import aprjax
+from aprjax.alignment.align import agreement, align
+from aprjax.evaluation.congruence import congruence, quality, sees
+from aprjax.evaluation.screen import ScreenConfig, screen, sketch
+from aprjax.features import Features, describe
+from aprjax.matcher import _match_chunk, _ranked
+from aprjax.references import ReferenceIndex
+from aprjax.refine import estimate, settle
+from aprjax.relations.histograms import matching_angles, preselection_quality
+from aprjax.se2 import inverse
+from aprjax.shortlist import Shortlist, all_alternatives
+from benchmarks.inputs import some, split
+from benchmarks.machine import Peak, machine_name, peak
+from benchmarks.report import text
+from benchmarks.timing import timed
+from benchmarks.workload import Skipped
+from experiments.outputs import write_table
+
+SPLIT = "intel.interleaved"
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A function of arrays, and what it is given."""
+
+    name: str
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...]
+
+
+def run(quick: bool, out: Path | None) -> int:
+    """Print the table and write it to `out`; the exit code."""
+    try:
+        scans = split(SPLIT)
+    except Skipped as reason:
+        print(reason, file=sys.stderr)
+        return 1
+    config = aprjax.MatchConfig()
+    references = aprjax.ReferenceSet.build(scans.references)
+    queries = some(scans.queries, slice(config.chunk))
+    pairs = config.chunk * len(references)
+    most = peak()
+    table = [
+        row(stage, pairs, most, 3 if quick else 15)
+        for stage in stages(queries, references.index, config)
+    ]
+    header = (
+        f"{machine_name()}; peak {most.flops / 1e9:.0f} Gflop/s, {most.bytes / 1e9:.1f} GB/s; "
+        f"{config.chunk} scans of {SPLIT} × {len(references)} references"
+    )
+    print(f"{header}\n\n{text(table)}", end="")
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        write_table(table, out / "stages.csv")
+        (out / "stages.txt").write_text(f"{header}\n\n{text(table)}", encoding="utf-8")
+    return 0
+
+
+def stages(
+    scans: aprjax.Scan, references: ReferenceIndex, config: aprjax.MatchConfig
+) -> list[Stage]:
+    """All stages of the cascade, in their order, each with what it is given."""
+    features, relation = references.features, references.config.relation
+    views, rows = features.view, jnp.arange(len(references.ids))
+    found: list[Stage] = []
+
+    def stage(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
+        found.append(Stage(name, function, arguments))
+        return jax.jit(function)(*arguments)
+
+    def each(function: Callable[..., Any]) -> Callable[..., Any]:
+        """One query after the other, as the matcher does on a CPU."""
+        return lambda *arguments: jax.lax.map(lambda args: function(*args), arguments)
+
+    def describe_all(scans):
+        return jax.vmap(describe, (0, None))(scans, references.config)
+
+    def relate(queries: Features):
+        q_m = preselection_quality(queries.histogram, features.histogram, relation)
+        return q_m, matching_angles(queries.histogram, features.histogram, relation)
+
+    def align_one(query: Features, angles):
+        aligned = jax.vmap(align, (0, None, 0, None))(
+            features.graph, query.graph, angles, config.alignment
+        )
+        valid = aligned.valid & references.valid[:, None]
+        return all_alternatives(eqx.tree_at(lambda a: a.valid, aligned, valid), rows)
+
+    def look(rules: ScreenConfig, count: int, query: Features, listed: Shortlist):
+        theirs, ours = jax.vmap(sketch, (0, None))(views, rules), sketch(query.view, rules)
+        of = listed.alternatives
+        score = jax.vmap(screen, (None, 0, None, 0, 0, None))(
+            theirs, listed.row, ours, of.T_ref_query, of.anchors, rules
+        )
+        return listed.best(score, count)
+
+    def settle_one(query: Features, listed: Shortlist):
+        def one(T_ref_query, row):
+            view = jax.tree.map(lambda array: array[row], views)
+            return settle(view, query.view, T_ref_query, config.shortlist.settle)
+
+        T_ref_query = jax.vmap(one)(listed.alternatives.T_ref_query, listed.row)
+        return eqx.tree_at(lambda s: s.alternatives.T_ref_query, listed, T_ref_query)
+
+    def evaluate(query: Features, listed: Shortlist):
+        rules = config.congruence
+
+        def one(T_ref_query, row):
+            reference = jax.tree.map(lambda array: array[row], features)
+            T_ref_query = settle(reference.view, query.view, T_ref_query, config.refine)
+            T_query_ref = inverse(T_ref_query)
+            ahead = congruence(reference.view, query.view, T_query_ref, rules)
+            back = congruence(query.view, reference.view, T_ref_query, rules)
+            agree = agreement(reference.graph, query.graph, T_ref_query, config.alignment.agreement)
+            anchors = jnp.sum(jnp.any(agree, axis=0), dtype=jnp.int32)
+            views_see = sees(reference.view, T_ref_query[:2]), sees(query.view, T_query_ref[:2])
+            return T_ref_query, quality(ahead, back, *views_see, anchors, rules.quality)
+
+        T_ref_query, e_m = jax.vmap(one)(listed.alternatives.T_ref_query, listed.row)
+        return T_ref_query, listed.row, jnp.where(listed.alternatives.valid, e_m, 0.0)
+
+    def rank(T_ref_query, row, e_m):
+        best, *_ = _ranked(T_ref_query, row, e_m, references, config)
+        return T_ref_query[best], row[best]
+
+    def estimate_one(query: Features, T_ref_query, row):
+        def one(T_ref_query, row):
+            view = jax.tree.map(lambda array: array[row], views)
+            return estimate(view, query.view, T_ref_query, config.refine)
+
+        return jax.vmap(one)(T_ref_query, row)
+
+    rules = config.shortlist
+    queries = stage("extraction", describe_all, scans)
+    _, angles = stage("preselection, matching angles", relate, queries)
+    listed = stage("alignment", each(align_one), queries, angles)
+    first, second = (
+        partial(look, rules.screen, rules.passed),
+        partial(look, rules.closer, rules.kept),
+    )
+    listed = stage("first look", each(first), queries, listed)
+    listed = stage("settling", each(settle_one), queries, listed)
+    listed = stage("second look", each(second), queries, listed)
+    evaluated = stage("refinement, synthetic scans", each(evaluate), queries, listed)
+    best = stage("rivals", each(rank), *evaluated)
+    stage("final estimate", each(estimate_one), queries, *best)
+    stage("all of them", lambda scans: _match_chunk(scans, references, config, False), scans)
+    return found
+
+
+def row(stage: Stage, pairs: int, most: Peak, repeats: int) -> dict[str, Any]:
+    """A row of the table."""
+    compiled = jax.jit(stage.function).lower(*stage.arguments).compile()
+    seconds = float(np.median(timed(lambda _: compiled(*stage.arguments), repeats)))
+    traced, results = jax.make_jaxpr(stage.function, return_shape=True)(*stage.arguments)
+    work = operations(traced.jaxpr)
+    least = sum(
+        leaf.size * np.dtype(leaf.dtype).itemsize
+        for leaf in jax.tree.leaves((stage.arguments, results))
+    ) + sum(np.asarray(constant).nbytes for constant in traced.consts)
+    counted = compiled.cost_analysis() or {}
+    return {
+        "stage": stage.name,
+        "µs": _digits(1e6 * seconds / pairs),
+        "operations": _digits(work / pairs),
+        "least bytes": _digits(least / pairs),
+        "XLA flops": _digits(counted.get("flops", float("nan")) / pairs),
+        "XLA bytes": _digits(counted.get("bytes accessed", float("nan")) / pairs),
+        "% of peak flops": _digits(100 * work / most.flops / seconds),
+        "% of peak bytes": _digits(100 * least / most.bytes / seconds),
+    }
+
+
+_FREE = {  # they move or name values
+    *("broadcast_in_dim", "reshape", "transpose", "squeeze", "expand_dims", "slice", "rev", "copy"),
+    *(
+        "concatenate",
+        "pad",
+        "iota",
+        "convert_element_type",
+        "gather",
+        "dynamic_slice",
+        "stop_gradient",
+    ),
+    *("dynamic_update_slice", "bitcast_convert_type", "copy_p", "split"),
+}
+
+
+def operations(jaxpr: Any) -> float:
+    """Arithmetic and comparisons of a traced function, one for each element.
+
+    Products count 2 n for sums of n, Fourier transforms 5 n log₂ n, other functions one for each
+    element of what they return, or take where that is more (reductions). The body of a loop
+    counts as often as it runs; once where that is decided by the data.
+    """
+    total = 0.0
+    for equation in jaxpr.eqns:
+        name, parameters = equation.primitive.name, equation.params
+        inner = [p for value in parameters.values() for p in _jaxprs(value)]
+        sizes = [variable.aval.size for variable in (*equation.invars, *equation.outvars)]
+        if inner:
+            times = parameters.get("length", 1) if name == "scan" else 1
+            reducer = name.startswith(("reduce", "scatter"))
+            total += max(sizes) if reducer else times * sum(map(operations, inner))
+        elif name == "dot_general":
+            (contracted, _), _ = parameters["dimension_numbers"]
+            shape = equation.invars[0].aval.shape
+            total += 2 * equation.outvars[0].aval.size * np.prod([shape[k] for k in contracted])
+        elif name == "fft":
+            (length, *_) = parameters["fft_lengths"]
+            total += 5 * np.log2(length) * max(sizes)
+        elif name not in _FREE:
+            total += max(sizes)
+    return float(total)
+
+
+def _jaxprs(value: Any) -> list[Any]:
+    """The traced functions in a parameter of an equation."""
+    if isinstance(value, tuple | list):
+        return [jaxpr for each in value for jaxpr in _jaxprs(each)]
+    value = getattr(value, "jaxpr", value)
+    return [value] if hasattr(value, "eqns") else []
+
+
+def _digits(value: float) -> float:
+    """To three digits."""
+    return float(f"{value:.3g}")
