@@ -25,7 +25,7 @@ class ShortlistConfig(eqx.Module):
     glance: GlanceConfig = GlanceConfig()
     settle: RefineConfig = RefineConfig(points=48, iterations=3)
     closer: ScreenConfig = ScreenConfig()
-    passed: int = capacity(160, "alternatives that pass the glance, over all references")
+    passed: int = capacity(192, "alternatives that pass the glance, over all references")
     kept: int = capacity(24, "alternatives that pass the second look")
 
     def __check_init__(self) -> None:

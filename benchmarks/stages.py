@@ -20,22 +20,21 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 import aprjax
-from aprjax.alignment.align import agreement, align
+from aprjax.alignment.align import counterparts
+from aprjax.alignment.voting import Votes, vote
 from aprjax.evaluation.congruence import congruence, quality, sees
-from aprjax.evaluation.screen import ScreenConfig, screen, sketch
 from aprjax.features import Features, describe
 from aprjax.matcher import _match_chunk, _ranked
 from aprjax.references import ReferenceIndex
 from aprjax.refine import estimate, settle
-from aprjax.relations.histograms import matching_angles, preselection_quality
+from aprjax.relations.histograms import preselection_quality
 from aprjax.se2 import inverse
-from aprjax.shortlist import Shortlist, all_alternatives
+from aprjax.shortlist import Shortlist, glance_through, look_closer
 from benchmarks.inputs import some, split
 from benchmarks.machine import Peak, machine_name, peak
 from benchmarks.report import text
@@ -87,8 +86,7 @@ def stages(
     scans: aprjax.Scan, references: ReferenceIndex, config: aprjax.MatchConfig
 ) -> list[Stage]:
     """All stages of the cascade, in their order, each with what it is given."""
-    features, relation = references.features, references.config.relation
-    views, rows = features.view, jnp.arange(len(references.ids))
+    features, views = references.features, references.features.view
     found: list[Stage] = []
 
     def stage(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
@@ -102,32 +100,20 @@ def stages(
     def describe_all(scans):
         return jax.vmap(describe, (0, None))(scans, references.config)
 
-    def relate(queries: Features):
-        q_m = preselection_quality(queries.histogram, features.histogram, relation)
-        return q_m, matching_angles(queries.histogram, features.histogram, relation)
-
-    def align_one(query: Features, angles):
-        aligned = jax.vmap(align, (0, None, 0, None))(
-            features.graph, query.graph, angles, config.alignment
+    def preselect(queries: Features):
+        return preselection_quality(
+            queries.histogram, features.histogram, references.config.relation
         )
-        valid = aligned.valid & references.valid[:, None]
-        return all_alternatives(eqx.tree_at(lambda a: a.valid, aligned, valid), rows)
 
-    def look(rules: ScreenConfig, count: int, query: Features, listed: Shortlist):
-        theirs, ours = jax.vmap(sketch, (0, None))(views, rules), sketch(query.view, rules)
-        of = listed.alternatives
-        score = jax.vmap(screen, (None, 0, None, 0, 0, None))(
-            theirs, listed.row, ours, of.T_ref_query, of.anchors, rules
-        )
-        return listed.best(score, count)
+    def vote_one(query: Features):
+        k_m = features.histogram.edges
+        return vote(references.edges, k_m, references.valid, query.graph, config.voting)
 
-    def settle_one(query: Features, listed: Shortlist):
-        def one(T_ref_query, row):
-            view = jax.tree.map(lambda array: array[row], views)
-            return settle(view, query.view, T_ref_query, config.shortlist.settle)
+    def glance_one(query: Features, votes: Votes):
+        return glance_through(votes, features, query, references.config.raster, config.shortlist)
 
-        T_ref_query = jax.vmap(one)(listed.alternatives.T_ref_query, listed.row)
-        return eqx.tree_at(lambda s: s.alternatives.T_ref_query, listed, T_ref_query)
+    def look_one(query: Features, passed: Votes):
+        return look_closer(passed, features, query, config.alignment, config.shortlist)
 
     def evaluate(query: Features, listed: Shortlist):
         rules = config.congruence
@@ -138,8 +124,8 @@ def stages(
             T_query_ref = inverse(T_ref_query)
             ahead = congruence(reference.view, query.view, T_query_ref, rules)
             back = congruence(query.view, reference.view, T_ref_query, rules)
-            agree = agreement(reference.graph, query.graph, T_ref_query, config.alignment.agreement)
-            anchors = jnp.sum(jnp.any(agree, axis=0), dtype=jnp.int32)
+            distance = config.alignment.agreement
+            anchors = counterparts(reference.graph, query.graph, T_ref_query, distance)
             views_see = sees(reference.view, T_ref_query[:2]), sees(query.view, T_query_ref[:2])
             return T_ref_query, quality(ahead, back, *views_see, anchors, rules.quality)
 
@@ -157,22 +143,23 @@ def stages(
 
         return jax.vmap(one)(T_ref_query, row)
 
-    rules = config.shortlist
     queries = stage("extraction", describe_all, scans)
-    _, angles = stage("preselection, matching angles", relate, queries)
-    listed = stage("alignment", each(align_one), queries, angles)
-    first, second = (
-        partial(look, rules.screen, rules.passed),
-        partial(look, rules.closer, rules.kept),
-    )
-    listed = stage("first look", each(first), queries, listed)
-    listed = stage("settling", each(settle_one), queries, listed)
-    listed = stage("second look", each(second), queries, listed)
+    stage("preselection", preselect, queries)
+    votes = stage("voting", each(vote_one), queries)
+    passed = stage("glance", each(glance_one), queries, votes)
+    listed = stage("closer look", each(look_one), queries, passed)
     evaluated = stage("refinement, synthetic scans", each(evaluate), queries, listed)
     best = stage("rivals", each(rank), *evaluated)
     stage("final estimate", each(estimate_one), queries, *best)
-    stage("all of them", lambda scans: _match_chunk(scans, references, config, False), scans)
+    nothing = np.full((len(scans.ranges), 1), -1, np.int32)
+    stage("all of them", partial(_match_all, references, config), scans, nothing)
     return found
+
+
+def _match_all(
+    references: ReferenceIndex, config: aprjax.MatchConfig, scans: aprjax.Scan, excluded: jax.Array
+):
+    return _match_chunk(scans, excluded, references, config, together=False)
 
 
 def row(stage: Stage, pairs: int, most: Peak, repeats: int) -> dict[str, Any]:

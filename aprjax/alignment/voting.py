@@ -26,7 +26,7 @@ from aprjax.se2 import Pose, rotate
 class VotingConfig(eqx.Module):
     """When edges correspond, and how finely their votes are counted."""
 
-    length: Float[Array, ""] = threshold(0.09, "metres that corresponding lengths may differ by")
+    length: Float[Array, ""] = threshold(0.1, "metres that corresponding lengths may differ by")
     cell: Float[Array, ""] = threshold(0.6, "metres: side of a cell")
     directions: int = capacity(40, "cells of rotation over a full turn; an even number")
     grids: int = capacity(2, "grids of cells, shifted so that no pose is at the border of all")

@@ -172,9 +172,9 @@ def _kept_pieces(
 ) -> Iterator[Pieces]:
     """Where finished pieces are kept until the block ends without an error.
 
-    Beside the table, or in a passing folder if that goes to standard output.
+    Beside the table, or in a passing folder if that is no file but standard output or a device.
     """
-    if out == "-":
+    if out == "-" or (Path(out).exists() and not Path(out).is_file()):
         with tempfile.TemporaryDirectory() as folder:
             yield Pieces.open(Path(folder), "")
         return
