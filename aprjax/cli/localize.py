@@ -6,11 +6,8 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-import jax
 import numpy as np
 
 from aprjax.cli.errors import CommandError
@@ -21,20 +18,17 @@ from aprjax.io.atomic import atomic_write
 from aprjax.io.log import LogEntry
 from aprjax.io.tables import HypothesisRow, write_hypotheses
 from aprjax.io.trajectory import write_tum
-from aprjax.matcher import MatchConfig, match_batch
 from aprjax.plot.hypotheses import draw_hypotheses, picture_of
-from aprjax.scan import Scan
 from aprjax.tracking.apr import MatchedSource
 from aprjax.tracking.belief import Belief, Situation
 from aprjax.tracking.neighbours import Neighbours, seen_from
+from aprjax.tracking.replay import replay
 from aprjax.tracking.tracker import HypothesisTracker
-from aprjax.tracking.validation import IdcSource
 from aprjax.world.model import WorldModel
 from aprjax.world.plane import compose
 from aprjax.world.store import MapFileError, load_map
 from aprjax.world.super_space import assemble
 
-_PIECE = 64  # scans matched in one call
 _DPI, _FILM_DPI = 110, 60
 _FRAMES = 100  # of a film, at most
 _REACH = 12.0  # metres to a reference that a pose is told from
@@ -94,7 +88,7 @@ def run(arguments: argparse.Namespace) -> None:
     # One line for each trouble of a source; progress is on the same stream.
     logging.basicConfig(format="aprjax: %(message)s", stream=sys.stderr)
     start = time.monotonic()
-    beliefs = _track(world, entries)
+    beliefs = _track(entries, HypothesisTracker(world, primary=[MatchedSource()]))
     rows = _rows(world, beliefs)
     _write(arguments.out, rows)
     if arguments.tum:
@@ -117,33 +111,10 @@ def _load(path: Path) -> WorldModel:
     return world
 
 
-def _track(world: WorldModel, entries: list[LogEntry]) -> list[Belief]:
+def _track(entries: list[LogEntry], tracker: HypothesisTracker) -> list[Belief]:
     """What is believed after each scan."""
-    tracker = HypothesisTracker(world, primary=[MatchedSource()], validation=[IdcSource()])
-    beliefs = []
     with Progress("localizing", len(entries)) as progress:
-        for piece, results in _matched(world, entries):
-            for number, entry in enumerate(piece):
-                # Stamps of logs may be constant or made up: the order of the lines is the time.
-                tracker.move(odometry=entry.odometry, scan=entry.scan)
-                match = jax.tree.map(lambda array: array[number], results)  # noqa: B023
-                beliefs.append(tracker.observe(match=match, scan=entry.scan))
-            progress.advance(len(piece))
-    return beliefs
-
-
-def _matched(world: WorldModel, entries: list[LogEntry]) -> Iterator[tuple[list[LogEntry], Any]]:
-    """The entries in pieces, each with what the matcher makes of its scans.
-
-    The matcher knows nothing of the scans before, so that many can be matched in one call; empty
-    ones fill up the last piece.
-    """
-    size = min(_PIECE, len(entries))
-    slots = max(int(entry.scan.beams) for entry in entries)
-    for start in range(0, len(entries), size):
-        piece = entries[start : start + size]
-        batch = Scan.stack([entry.scan for entry in piece], slots).pad_batch(size)
-        yield piece, match_batch(batch, world.references, MatchConfig(hypotheses=10))
+        return list(replay(tracker, entries, progress.advance))
 
 
 def _rows(world: WorldModel, beliefs: list[Belief]) -> list[HypothesisRow]:

@@ -22,6 +22,9 @@ The robot may be carried away, or leave a volume unnoticed: with every metre eac
 share, `leak`, to the rest; a source of motion that doubts its step takes away that share more; and
 λ_0 never falls below `rest`, for no evidence is beyond doubt.
 
+Estimates of one reading that name different places exclude each other: p is that of being the right
+one among them, from the odds that the source gives each.
+
 Departures from the paper. It does not state its rewards and punishments; here they are likelihood
 ratios. Its tracking sources leave all λ alone; here the proportions of the λ_i stay, but leak and
 doubt shift weight from all of them to the rest. An estimate of a probability under `trusted`
@@ -88,6 +91,17 @@ def reward(probability: float, config: EvidenceConfig) -> float:
     return min(float(config.missed) + float(config.gain) * odds, float(config.most))
 
 
+def exclusive(estimates: Sequence[Estimate]) -> list[float]:
+    """The probability of each of several estimates of different places: one is right, or none.
+
+    Each comes with its odds against none. A scan of a place that looks like three others names all
+    four with great certainty, and tells them apart by no more than the ratios of their odds.
+    """
+    odds = [estimate.probability / max(1.0 - estimate.probability, 1e-3) for estimate in estimates]
+    every = 1.0 + math.fsum(odds)
+    return [own / every for own in odds]
+
+
 def located(
     belief: Belief,
     estimates: Sequence[Estimate],
@@ -100,6 +114,7 @@ def located(
     `estimates` are of different places; see `neighbours.merge`. A hypothesis is confirmed by the
     most probable one in its volume.
     """
+    shares = exclusive(estimates)
     deviations = float(config.volume.deviations)
     explained: set[int] = set()
     updated = []
@@ -112,14 +127,21 @@ def located(
             )
         ]
         explained.update(inside)
-        best = max((estimates[n] for n in inside), key=lambda e: e.probability, default=None)
-        updated.append(_confirmed(hypothesis, best, weight, config))
+        best = max(inside, key=lambda number: estimates[number].probability, default=None)
+        if best is None:
+            updated.append(_rewarded(hypothesis, None, weight, config))
+            continue
+        updated.append(_rewarded(hypothesis, shares[best], weight, config))
+        # If the robot is in this volume, no other estimate is right.
+        if estimates[best].probability >= config.trusted:
+            updated[-1] = _confirmed(updated[-1], estimates[best], config)
 
     total = sum(h.probability for h in updated) + belief.rest
     born = belief.born
     for number, estimate in enumerate(estimates):
         if number not in explained:
-            updated.append(_created(born, estimate, belief.rest, total, config))
+            new = _created(born, estimate, shares[number], belief.rest, total, config)
+            updated.append(new)
             born += 1
     return settled(updated, belief.rest, born, near, config)
 
@@ -177,15 +199,17 @@ def settled(
     return Belief(tuple(kept), _rest(kept), born)
 
 
-def _confirmed(
-    hypothesis: Hypothesis, estimate: Estimate | None, weight: float, config: EvidenceConfig
+def _rewarded(
+    hypothesis: Hypothesis, probability: float | None, weight: float, config: EvidenceConfig
 ) -> Hypothesis:
-    """Rewarded and moved to the estimate in its volume; punished where there is none."""
-    ratio = float(config.missed) if estimate is None else reward(estimate.probability, config)
-    updated = replace(hypothesis, probability=hypothesis.probability * ratio**weight)
-    if estimate is None or estimate.probability < config.trusted:
-        return updated
-    return _recentred(updated, estimate.place, estimate.covariance, estimate.reference, config)
+    """Rewarded by an estimate of this probability in its volume, or punished for none."""
+    ratio = float(config.missed) if probability is None else reward(probability, config)
+    return replace(hypothesis, probability=hypothesis.probability * ratio**weight)
+
+
+def _confirmed(hypothesis: Hypothesis, estimate: Estimate, config: EvidenceConfig) -> Hypothesis:
+    """Moved to an estimate in its volume, in the configuration space of that one's home node."""
+    return _recentred(hypothesis, estimate.place, estimate.covariance, estimate.reference, config)
 
 
 def _recentred(
@@ -195,19 +219,26 @@ def _recentred(
     reference: int | None,
     config: EvidenceConfig,
 ) -> Hypothesis:
-    """In the configuration space of another home node, with the small volume to begin with."""
+    """About another centre, with the small volume to begin with."""
     covariance = config.volume.reset(covariance)
     centred = hypothesis.at(place, covariance, config.volume)
     return replace(centred, reference=reference, unconfirmed=0.0)
 
 
 def _created(
-    number: int, estimate: Estimate, rest: float, total: float, config: EvidenceConfig
+    number: int,
+    estimate: Estimate,
+    share: float,
+    rest: float,
+    total: float,
+    config: EvidenceConfig,
 ) -> Hypothesis:
-    """A new hypothesis, with what the estimate makes of its share of the rest."""
+    """A new hypothesis, with what an estimate that is right with probability `share` makes of it.
+
+    It takes that from its part of the `rest`.
+    """
     probability = min(
-        rest * float(config.share) * reward(estimate.probability, config),
-        float(config.initial) * total,
+        rest * float(config.share) * reward(share, config), float(config.initial) * total
     )
     covariance = config.volume.reset(estimate.covariance)
     radius, angle = config.volume.size(covariance)

@@ -1,6 +1,6 @@
 """Poses of different nodes compared in the super space, and estimates that mean one place."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -59,6 +59,41 @@ class Neighbours:
         return bool(
             distance(T) <= radius + deviations * way and abs(T[2]) <= angle + deviations * turn
         )
+
+
+class Surroundings:
+    """Things with places, such as reference scans: those around a pose are found at once."""
+
+    def __init__(self, near: Neighbours, places: Mapping[int, Place]) -> None:
+        """`places` by the things' numbers; nodes within the reach of `near` are looked at."""
+        self._near = near
+        self._numbers: dict[int, list[int]] = {}
+        self._poses: dict[int, list[np.ndarray]] = {}
+        for number, place in sorted(places.items()):
+            self._numbers.setdefault(place.node, []).append(number)
+            self._poses.setdefault(place.node, []).append(place.T_node_laser)
+        self._known: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+
+    def of(self, node: int) -> tuple[np.ndarray, np.ndarray]:
+        """Numbers `(n,)` of the things within reach, ascending, and `T_node_thing` `(n, 3)`."""
+        if node not in self._known:
+            links = self._near.of(node)
+            around = [other for other in links if other in self._numbers]
+            numbers = [number for other in around for number in self._numbers[other]]
+            poses = [
+                compose(links[other].T_start_end, np.array(self._poses[other])) for other in around
+            ]
+            order = np.argsort(numbers)
+            self._known[node] = (
+                np.array(numbers, int)[order],
+                np.concatenate([np.zeros((0, 3)), *poses])[order],
+            )
+        return self._known[node]
+
+    def around(self, place: Place) -> tuple[np.ndarray, np.ndarray]:
+        """The same numbers, and `T_thing_place` `(n, 3)`: the place in each thing's frame."""
+        numbers, T_node_thing = self.of(place.node)
+        return numbers, relative(T_node_thing, place.T_node_laser)
 
 
 def merge(estimates: Sequence[Estimate], near: Neighbours, config: VolumeConfig) -> list[Estimate]:

@@ -31,6 +31,7 @@ from aprjax.tracking.sources import (
     Verdict,
 )
 from aprjax.tracking.state import belief_of_state, state_of_belief
+from aprjax.tracking.validation import IdcSource
 from aprjax.world.model import WorldModel
 
 _log = logging.getLogger(__name__)
@@ -40,7 +41,7 @@ class TrackerConfig(eqx.Module):
     """The probability model, and what is made of sources that are silent or late."""
 
     evidence: EvidenceConfig = EvidenceConfig()
-    reach: Float[Array, ""] = threshold(12.0, "metres along arcs between poses that are compared")
+    reach: Float[Array, ""] = threshold(30.0, "metres along arcs between poses that are compared")
     unmeasured: Float[Array, ""] = threshold(
         0.3, "deviation of a step's numbers that no source measured: metres, radians"
     )
@@ -67,10 +68,11 @@ class HypothesisTracker:
         *,
         primary: Iterable[PrimarySource] | None = None,
         tracking: Iterable[TrackingSource] | None = None,
-        validation: Iterable[ValidationSource] = (),
+        validation: Iterable[ValidationSource] | None = None,
         config: TrackerConfig | None = None,
     ) -> None:
-        """By default, the matcher is the primary source, and motion comes from wheel odometry.
+        """By default, the matcher is the primary source, motion comes from wheel odometry, and
+        iterative dual correspondence validates.
 
         If `move` is given the scans too, `ScanMotion` makes it better and `ScanContinuity` notices
         kidnappings. Tracking sources are asked in their order.
@@ -83,7 +85,7 @@ class HypothesisTracker:
             if tracking is None
             else tuple(tracking)
         )
-        self.validation = tuple(validation)
+        self.validation = (IdcSource(),) if validation is None else tuple(validation)
         self.belief = Belief()
         self._near = Neighbours(world, float(self.config.reach))
         self._way = 0.0

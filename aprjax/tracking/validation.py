@@ -15,7 +15,7 @@ from aprjax.configuration import capacity, threshold
 from aprjax.scan import Scan
 from aprjax.tracking.hypothesis import Hypothesis
 from aprjax.tracking.idc import Idc, IdcConfig, idc
-from aprjax.tracking.neighbours import Neighbours
+from aprjax.tracking.neighbours import Neighbours, Surroundings
 from aprjax.tracking.sources import Verdict
 from aprjax.tracking.views import view_of
 from aprjax.world.model import WorldModel
@@ -56,18 +56,21 @@ class IdcSource:
     def __init__(self, config: IdcSourceConfig | None = None) -> None:
         self.config = IdcSourceConfig() if config is None else config
         self._near: Neighbours | None = None
+        self._references: Surroundings | None = None
 
     def judge(
         self, reading: Scan, hypotheses: Sequence[Hypothesis], world: WorldModel
     ) -> Sequence[Verdict]:
         """Verdicts; those on hypotheses without a reference nearby say nothing."""
-        if self._near is None:
+        if self._near is None or self._references is None:
             self._near = Neighbours(world, 2.0 * float(self.config.reach))
+            places = {number: seen.place for number, seen in world.appearances.items()}
+            self._references = Surroundings(self._near, places)
         asked = []
         for number, hypothesis in enumerate(hypotheses):
             worth = hypothesis.unconfirmed > 0 and hypothesis.probability >= self.config.least
             if worth and len(asked) < self.config.hypotheses:
-                reference = self._nearest(hypothesis.place, self._near, world)
+                reference = self._nearest(hypothesis.place, self._references)
                 if reference is not None:
                     asked.append((number, *reference))
         verdicts = [Verdict(1.0)] * len(hypotheses)
@@ -78,20 +81,15 @@ class IdcSource:
                 verdicts[number] = self._verdict(hypotheses[number], reference, one, world)
         return verdicts
 
-    def _nearest(
-        self, place: Place, near: Neighbours, world: WorldModel
-    ) -> tuple[int, np.ndarray] | None:
+    def _nearest(self, place: Place, references: Surroundings) -> tuple[int, np.ndarray] | None:
         """The reference nearest to a place, and the place in its scan's frame."""
-        best = None
-        for reference, appearance in world.appearances.items():
-            off = near.off(appearance.place, place)
-            if off is None or abs(off[0][2]) > self.config.turn:
-                continue
-            far = float(distance(off[0]))
-            key = far + abs(float(off[0][2]))
-            if far <= self.config.reach and (best is None or key < best[0]):
-                best = key, reference, off[0]
-        return None if best is None else best[1:]
+        numbers, T_ref_place = references.around(place)
+        far, turn = distance(T_ref_place), np.abs(T_ref_place[:, 2])
+        usable = (far <= self.config.reach) & (turn <= self.config.turn)
+        if not usable.any():
+            return None
+        best = int(np.argmin(np.where(usable, far + turn, np.inf)))
+        return int(numbers[best]), T_ref_place[best]
 
     def _compare(
         self, scan: Scan, asked: list[tuple[int, int, np.ndarray]], world: WorldModel

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-import aprjax.cli.localize as cli_localize
 from aprjax.cli.main import main
 from aprjax.io.logs import read_log
 from aprjax.io.tables import HYPOTHESIS_COLUMNS
 from aprjax.io.trajectory import read_tum
-from aprjax.tracking import tracker
+from aprjax.tracking import replay, tracker
 from aprjax.tracking.continuity import ScanContinuity
 from aprjax.world.model import WorldModel
 from aprjax.world.parts import Appearance, Arc, Place
@@ -98,7 +97,7 @@ def truth_instead_of_matcher(drive):
         )
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cli_localize, "match_batch", know)
+        patch.setattr(replay, "match_batch", know)
         patch.setattr(WorldModel, "references", None)
         # Aligning scans compiles too; this source measures nothing.
         patch.setattr(tracker, "ScanMotion", lambda features: ScanContinuity())
@@ -161,7 +160,7 @@ def test_one_line_sums_up_and_standard_output_takes_the_table(drive, outputs, co
 def test_the_scans_after_a_piece_are_matched_as_those_in_it(
     drive, outputs, tmp_path, command, monkeypatch
 ):
-    monkeypatch.setattr(cli_localize, "_PIECE", 4)
+    monkeypatch.setattr(replay, "PIECE", 4)
     assert command("localize", *drive, "--out", tmp_path / "t.csv")[0] == 0
     assert len(rows_of((tmp_path / "t.csv").read_text())) == len(rows_of(outputs[0].read_text()))
 

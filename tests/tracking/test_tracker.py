@@ -9,7 +9,8 @@ from aprjax.tracking.belief import Situation
 from aprjax.tracking.evidence import EvidenceConfig
 from aprjax.tracking.odometry import Gyro, WheelOdometry
 from aprjax.tracking.sources import Estimate, Verdict
-from aprjax.tracking.tracker import TrackerConfig
+from aprjax.tracking.tracker import HypothesisTracker, TrackerConfig
+from aprjax.tracking.validation import IdcSource
 from aprjax.world.parts import Place
 from aprjax.world.plane import distance
 from tests.tracking.worlds import (
@@ -119,9 +120,9 @@ def test_the_error_of_an_arc_widens_the_volume_beyond_it(deviation, hypotheses):
 
 
 def test_a_pose_beyond_reach_confirms_nothing():
-    world = corridor(nodes=8)
+    world = corridor(nodes=12)
     made = sure(world=world)
-    made.observe(estimates=[at(7, -28.0)])
+    made.observe(estimates=[at(11, -44.0)])
     assert len(made.hypotheses) == 2
 
 
@@ -546,3 +547,30 @@ def test_a_beacon_is_a_source_in_twenty_lines():
     made.observe(beacon=True)
     made.observe(beacon=True)
     assert made.hypotheses[0].probability < 1
+
+
+# Estimates that exclude each other
+
+
+def test_estimates_of_several_places_reward_by_the_ratio_of_their_odds():
+    alone, among = tracker(), tracker()
+    for made in (alone, among):
+        made.observe(estimates=[at(probability=0.6)])
+        made.move(step=drive())
+    alone.observe(estimates=[at(0, 1.0, probability=0.9)])
+    others = [at(node, 0.5 * node, probability=0.95) for node in (1, 2)]
+    among.observe(estimates=[at(0, 1.0, probability=0.9), *others])
+    ratio = [made.hypotheses[0].probability / made.rest for made in (alone, among)]
+    assert ratio[1] < 0.3 * ratio[0]
+
+
+def test_an_estimate_in_a_volume_moves_the_centre_though_others_are_as_probable():
+    made = sure()
+    made.move(step=drive(1.0))
+    made.observe(estimates=[at(0, 1.2), *(at(node, 1.0, 1.0) for node in (1, 2))])
+    np.testing.assert_allclose(made.belief.best.place.T_node_laser[:2], [1.2, 0.0])
+
+
+def test_by_default_iterative_dual_correspondence_validates():
+    made = HypothesisTracker(corridor())
+    assert [type(source) for source in made.validation] == [IdcSource]
