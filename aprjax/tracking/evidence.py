@@ -140,7 +140,8 @@ def located(
     born = belief.born
     for number, estimate in enumerate(estimates):
         if number not in explained:
-            new = _created(born, estimate, shares[number], belief.rest, total, config)
+            ratio = reward(shares[number], config) ** weight
+            new = _created(born, estimate, ratio, belief.rest, total, config)
             updated.append(new)
             born += 1
     return settled(updated, belief.rest, born, near, config)
@@ -228,18 +229,13 @@ def _recentred(
 def _created(
     number: int,
     estimate: Estimate,
-    share: float,
+    ratio: float,
     rest: float,
     total: float,
     config: EvidenceConfig,
 ) -> Hypothesis:
-    """A new hypothesis, with what an estimate that is right with probability `share` makes of it.
-
-    It takes that from its part of the `rest`.
-    """
-    probability = min(
-        rest * float(config.share) * reward(share, config), float(config.initial) * total
-    )
+    """A new hypothesis, with what a likelihood ratio makes of its part of the `rest`."""
+    probability = min(rest * float(config.share) * ratio, float(config.initial) * total)
     covariance = config.volume.reset(estimate.covariance)
     radius, angle = config.volume.size(covariance)
     return Hypothesis(
