@@ -21,17 +21,17 @@ from aprjax.io.trajectory import write_tum
 from aprjax.plot.hypotheses import draw_hypotheses, picture_of
 from aprjax.tracking.apr import MatchedSource
 from aprjax.tracking.belief import Belief, Situation
-from aprjax.tracking.neighbours import Neighbours, seen_from
 from aprjax.tracking.replay import replay
+from aprjax.tracking.table import hypothesis_rows
 from aprjax.tracking.tracker import HypothesisTracker
 from aprjax.world.model import WorldModel
+from aprjax.world.parts import WorldModelError
 from aprjax.world.plane import compose
 from aprjax.world.store import MapFileError, load_map
 from aprjax.world.super_space import assemble
 
 _DPI, _FILM_DPI = 110, 60
 _FRAMES = 100  # of a film, at most
-_REACH = 12.0  # metres to a reference that a pose is told from
 
 
 def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -89,7 +89,10 @@ def run(arguments: argparse.Namespace) -> None:
     logging.basicConfig(format="aprjax: %(message)s", stream=sys.stderr)
     start = time.monotonic()
     beliefs = _track(entries, HypothesisTracker(world, primary=[MatchedSource()]))
-    rows = _rows(world, beliefs)
+    try:
+        rows = hypothesis_rows(world, beliefs)
+    except WorldModelError as error:
+        raise CommandError(f"{arguments.map}: {error}") from None
     _write(arguments.out, rows)
     if arguments.tum:
         _write_trajectory(arguments.tum, world, entries, beliefs)
@@ -115,34 +118,6 @@ def _track(entries: list[LogEntry], tracker: HypothesisTracker) -> list[Belief]:
     """What is believed after each scan."""
     with Progress("localizing", len(entries)) as progress:
         return list(replay(tracker, entries, progress.advance))
-
-
-def _rows(world: WorldModel, beliefs: list[Belief]) -> list[HypothesisRow]:
-    near = Neighbours(world, _REACH)
-    rows = []
-    for scan, belief in enumerate(beliefs):
-        for rank, hypothesis in enumerate(belief.hypotheses):
-            seen = seen_from(hypothesis, near, world)
-            if seen is None:
-                raise CommandError(f"node {hypothesis.place.node}: no reference scan is near it")
-            reference, T_ref_laser = seen
-            rows.append(
-                HypothesisRow(
-                    scan=scan,
-                    rank=rank,
-                    reference=world.appearances[reference].scan,
-                    T_ref_laser=T_ref_laser,
-                    radius=hypothesis.radius,
-                    angle=hypothesis.angle,
-                    probability=hypothesis.probability,
-                    rest=belief.rest,
-                    node=hypothesis.place.node,
-                    situation=belief.situation.value,
-                )
-            )
-        if not belief.hypotheses:
-            rows.append(HypothesisRow(scan, 0, rest=belief.rest, situation=belief.situation.value))
-    return rows
 
 
 def _write(out: str, rows: list[HypothesisRow]) -> None:

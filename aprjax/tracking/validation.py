@@ -96,9 +96,10 @@ class IdcSource:
     ) -> Idc:
         """The scan against each reference asked about, on the host.
 
-        Padded to one size, so that it compiles once.
+        Padded to one of two sizes, so that it compiles twice at most: mostly one is asked about.
         """
-        slots, known = self.config.hypotheses, world.references
+        slots = 1 if len(asked) == 1 else self.config.hypotheses
+        known = world.references
         rows, starts = np.zeros(slots, int), np.zeros((slots, 3), np.float32)
         rows[: len(asked)] = np.searchsorted(known.ids, [reference for _, reference, _ in asked])
         starts[: len(asked)] = [start for _, _, start in asked]
