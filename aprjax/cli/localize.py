@@ -21,9 +21,12 @@ from aprjax.io.trajectory import write_tum
 from aprjax.plot.hypotheses import draw_hypotheses, picture_of
 from aprjax.tracking.apr import MatchedSource
 from aprjax.tracking.belief import Belief, Situation
+from aprjax.tracking.classes import scan_source
 from aprjax.tracking.replay import replay
+from aprjax.tracking.sources import ValidationSource
 from aprjax.tracking.table import hypothesis_rows
-from aprjax.tracking.tracker import HypothesisTracker
+from aprjax.tracking.tracker import HypothesisTracker, motion_sources
+from aprjax.tracking.validation import IdcSource
 from aprjax.world.model import WorldModel
 from aprjax.world.parts import WorldModelError
 from aprjax.world.plane import compose
@@ -69,6 +72,19 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
     )
     parser.add_argument("--gif", type=Path, metavar="F.gif", help="also draw the whole run")
     parser.add_argument(
+        "--scan-classes",
+        action="store_true",
+        help="also let classes of scans confirm and weaken hypotheses",
+    )
+    parser.add_argument(
+        "--laser",
+        type=_pose,
+        default=(0.0, 0.0, 0.0),
+        metavar="X,Y,DEG",
+        help="where the laser sits on the robot, whose pose odometry gives: metres ahead and to "
+        "the left, degrees counter-clockwise (default: 0,0,0)",
+    )
+    parser.add_argument(
         "--strict", action="store_true", help="stop at a damaged line instead of skipping it"
     )
     add_topic_options(parser, odometry=True)
@@ -88,7 +104,7 @@ def run(arguments: argparse.Namespace) -> None:
     # One line for each trouble of a source; progress is on the same stream.
     logging.basicConfig(format="aprjax: %(message)s", stream=sys.stderr)
     start = time.monotonic()
-    beliefs = _track(entries, HypothesisTracker(world, primary=[MatchedSource()]))
+    beliefs = _track(entries, _tracker(world, arguments))
     try:
         rows = hypothesis_rows(world, beliefs)
     except WorldModelError as error:
@@ -112,6 +128,21 @@ def _load(path: Path) -> WorldModel:
     if not world.appearances:
         raise CommandError(f"{path}: the map has no reference scans")
     return world
+
+
+def _tracker(world: WorldModel, arguments: argparse.Namespace) -> HypothesisTracker:
+    """The default sources, and what the arguments add to them."""
+    validation: list[ValidationSource] = [IdcSource()]
+    if arguments.scan_classes:
+        if len(world.appearances) < 2:
+            raise CommandError(f"{arguments.map}: one reference scan makes no classes")
+        validation.append(scan_source(world))
+    return HypothesisTracker(
+        world,
+        primary=[MatchedSource()],
+        tracking=motion_sources(world, arguments.laser),
+        validation=validation,
+    )
 
 
 def _track(entries: list[LogEntry], tracker: HypothesisTracker) -> list[Belief]:
@@ -180,6 +211,16 @@ def _cycles(text: str) -> tuple[int, ...]:
     if not all(word.isdecimal() and word.isascii() and int(word) > 0 for word in words):
         raise argparse.ArgumentTypeError(f"{text!r} is no list of whole numbers from 1")
     return tuple(map(int, words))
+
+
+def _pose(text: str) -> tuple[float, float, float]:
+    try:
+        x, y, degrees = map(float, text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not X,Y,DEG") from None
+    if not np.all(np.isfinite([x, y, degrees])):
+        raise argparse.ArgumentTypeError(f"{text!r} is not finite")
+    return x, y, float(np.radians(degrees))
 
 
 def _summarise(beliefs: list[Belief], seconds: float) -> None:

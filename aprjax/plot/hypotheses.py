@@ -8,7 +8,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from PIL import Image
 
-from aprjax.plot.style import figure_of
+from aprjax.plot.style import add_legend, figure_of
 from aprjax.plot.world import draw_world
 from aprjax.tracking.belief import Belief
 from aprjax.world.model import WorldModel
@@ -52,8 +52,12 @@ def draw_hypotheses(
             facecolors="none",
             edgecolors=_HYPOTHESIS,
             linewidths=1.8,
+            label="the strongest",
             zorder=12,
         )
+    ahead = {"marker": (3, 0, -90), "ls": "", "color": _HYPOTHESIS}
+    ax.plot([], [], label=f"hypotheses ({len(poses)}), pointing ahead", **ahead)
+    add_legend(ax)
     strongest = 0.0 if best is None else best.probability
     text = f"{title}  $\\lambda_b$ = {strongest:.2f}   $\\lambda_0$ = {belief.rest:.2f}".strip()
     ax.text(0.5, 0.985, text, transform=ax.transAxes, ha="center", va="top", fontsize=13, zorder=13)

@@ -9,7 +9,9 @@ from jaxtyping import Array, Float
 
 from aprjax.configuration import threshold
 from aprjax.tracking.hypothesis import Step
-from aprjax.world.plane import distance, relative, wrap
+from aprjax.world.plane import compose, compose_covariance, distance, inverse, relative, wrap
+
+_EXACT = np.zeros((3, 3))
 
 
 class OdometryConfig(eqx.Module):
@@ -30,13 +32,21 @@ class WheelOdometry:
     A reading is the robot's pose `(3,)` in any frame that stays the same, metres and radians. The
     deviations of a step grow with its way and its turn, so that a way in few long steps and the
     same in many short ones leave about the same volumes. A step over `jump` is the odometry
-    starting anew: it is left out, and the next step goes from there.
+    starting anew: it is left out, and the next step goes from there. A laser that does not sit
+    between the wheels swings when the robot turns: `T_robot_laser` says where it is.
     """
 
     reads = "odometry"
 
-    def __init__(self, config: OdometryConfig | None = None) -> None:
+    def __init__(
+        self, config: OdometryConfig | None = None, T_robot_laser: Sequence[float] = (0.0, 0.0, 0.0)
+    ) -> None:
+        """`T_robot_laser` is the laser's pose on the robot, in metres and radians.
+
+        Raises `ValueError` unless it is three finite numbers.
+        """
         self.config = OdometryConfig() if config is None else config
+        self._T_robot_laser = _finite(T_robot_laser, 3, "T_robot_laser")
         self._last: np.ndarray | None = None
 
     def step(self, reading: Any, expected: Step | None) -> Step | None:
@@ -48,7 +58,13 @@ class WheelOdometry:
         T = relative(last, pose)
         if distance(T) > self.config.jump:
             raise ValueError(f"odometry: a step of {distance(T):.1f} m, taken for a new start")
-        return Step(T, self.covariance(T))
+        laser, covariance = self._T_robot_laser, self.covariance(T)
+        if not laser.any():
+            return Step(T, covariance)
+        moved = compose(T, laser)
+        at_laser = compose_covariance(T, covariance, laser, _EXACT)
+        back = inverse(laser)
+        return Step(compose(back, moved), compose_covariance(back, _EXACT, moved, at_laser))
 
     def covariance(self, T_before_now: np.ndarray) -> np.ndarray:
         """The motion model: `(3, 3)` of a step `(3,)`."""

@@ -80,11 +80,7 @@ class HypothesisTracker:
         self.world = world
         self.config = TrackerConfig() if config is None else config
         self.primary = (AprSource(),) if primary is None else tuple(primary)
-        self.tracking = (
-            (WheelOdometry(), ScanMotion(features=world.features), ScanContinuity())
-            if tracking is None
-            else tuple(tracking)
-        )
+        self.tracking = motion_sources(world) if tracking is None else tuple(tracking)
         self.validation = (IdcSource(),) if validation is None else tuple(validation)
         self.belief = Belief()
         self._near = Neighbours(world, float(self.config.reach))
@@ -258,6 +254,14 @@ class HypothesisTracker:
         if not sound:
             _log.warning("%s: its verdicts are left out", type(source).__name__)
         return sound
+
+
+def motion_sources(
+    world: WorldModel, T_robot_laser: Sequence[float] = (0.0, 0.0, 0.0)
+) -> tuple[TrackingSource, ...]:
+    """The default tracking sources, of a robot with its laser at this pose (metres, radians)."""
+    wheels = WheelOdometry(T_robot_laser=T_robot_laser)
+    return wheels, ScanMotion(features=world.features), ScanContinuity()
 
 
 def _sound(step: Step) -> bool:

@@ -46,3 +46,13 @@ def test_a_figure_becomes_a_picture_of_a_film():
     picture = picture_of(draw_hypotheses(world, assemble(world), sure(world=world).belief), 40)
     assert picture.mode == "P"
     assert min(picture.size) > 50
+
+
+def test_the_legend_names_the_triangles_and_the_circle_once():
+    world = corridor()
+    made = tracker(world)
+    made.observe(estimates=[at(0, 1.0, probability=0.9), at(2, 0.5, probability=0.3)])
+    axes = draw_hypotheses(world, assemble(world), made.belief).axes[0]
+    named = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert named.count("hypotheses (2), pointing ahead") == 1
+    assert named.count("the strongest") == 1

@@ -33,6 +33,28 @@ def test_a_robot_at_rest_has_no_error():
     np.testing.assert_array_equal(odometry.step([1.0, 2.0, 3.0], None).covariance, EXACT)
 
 
+def test_a_laser_ahead_of_the_wheels_swings_when_the_robot_turns():
+    odometry = WheelOdometry(T_robot_laser=(0.3, 0.0, 0.0))
+    odometry.step([0.0, 0.0, 0.0], None)
+    turned = odometry.step([0.0, 0.0, np.pi / 2], None)
+    np.testing.assert_allclose(turned.T_before_now, [-0.3, 0.3, np.pi / 2], atol=1e-12)
+    # What the heading may be off carries the laser aside.
+    centred = WheelOdometry().covariance(np.array([0.0, 0.0, np.pi / 2]))
+    assert turned.covariance[0, 0] > centred[0, 0]
+    ahead = odometry.step([0.0, 1.0, np.pi / 2], None)
+    np.testing.assert_allclose(ahead.T_before_now, [1.0, 0.0, 0.0], atol=1e-12)
+
+
+def test_a_laser_that_looks_back_moves_backwards():
+    odometry = WheelOdometry(T_robot_laser=(0.0, 0.0, np.pi))
+    odometry.step([0.0, 0.0, 0.0], None)
+    np.testing.assert_allclose(
+        odometry.step([1.0, 0.0, 0.0], None).T_before_now, [-1, 0, 0], atol=1e-9
+    )
+    with pytest.raises(ValueError, match="T_robot_laser"):
+        WheelOdometry(T_robot_laser=(0.0, np.nan, 0.0))
+
+
 def test_odometry_grows_with_the_way_and_does_not_depend_on_the_length_of_the_steps():
     model = WheelOdometry(OdometryConfig(slip=0.0, turn=0.0))
     one = model.covariance(np.array([1.0, 0, 0.5]))
@@ -102,6 +124,17 @@ def test_scans_of_one_drive_go_on_from_each_other_and_others_do_not():
     step = drive(0.55, 0.0, 0.15)
     assert source.step(scans[1], step).doubt == 0
     assert source.step(scans[2], drive(0.0)).doubt > 0.5
+
+
+def test_a_robot_whose_wheels_stand_still_is_doubted_where_one_that_drove_is_not():
+    world = office(seed=3)
+    scans = [scan_at(world, np.array(pose)) for pose in ([2.0, 2.0, 0.3], [3.2, 2.3, 0.3])]
+    doubts = []
+    for step in (drive(0.0), drive(1.24)):
+        source = ScanContinuity()
+        source.step(scans[0], None)
+        doubts.append(source.step(scans[1], step).doubt)
+    assert doubts[0] > 0.5 > doubts[1] == 0.0
 
 
 def test_a_scan_without_hits_is_doubted_by_nobody():
