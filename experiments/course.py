@@ -216,7 +216,7 @@ def draw_course(told: Course, found: dict[str, list[Belief]]) -> Figure:
         ax.set_ylim(0, 1.02)
         ax.set_xlim(0, way[-1])
     panels[-1].set_xlabel("way / m")
-    panels[0].legend(fontsize=8, loc="lower right", ncols=4)
+    panels[0].legend(fontsize=8, loc="center left", ncols=4)
     return figure
 
 

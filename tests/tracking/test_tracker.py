@@ -57,8 +57,9 @@ def test_a_better_estimate_begins_with_more():
 
 def test_a_new_hypothesis_takes_from_the_rest_and_begins_with_little_where_that_is_small():
     lost, tracking = tracker(), sure()
-    lost.observe(estimates=[at(2)])
-    tracking.observe(estimates=[at(0), at(2)])
+    lost.observe(estimates=[at(2, probability=0.98)])
+    tracking.move(step=drive(1.0))
+    tracking.observe(estimates=[at(0, 1.0), at(2, probability=0.98)])
     assert tracking.hypotheses[1].probability < 0.2 * only(lost).probability
 
 
@@ -122,7 +123,8 @@ def test_the_error_of_an_arc_widens_the_volume_beyond_it(deviation, hypotheses):
 def test_a_pose_beyond_reach_confirms_nothing():
     world = corridor(nodes=12)
     made = sure(world=world)
-    made.observe(estimates=[at(11, -44.0)])
+    made.move(step=drive(1.0))
+    made.observe(estimates=[at(11, -43.0)])
     assert len(made.hypotheses) == 2
 
 
@@ -574,3 +576,16 @@ def test_an_estimate_in_a_volume_moves_the_centre_though_others_are_as_probable(
 def test_by_default_iterative_dual_correspondence_validates():
     made = HypothesisTracker(corridor())
     assert [type(source) for source in made.validation] == [IdcSource]
+
+
+def test_at_rest_an_estimate_of_another_place_begins_with_less_than_after_a_way():
+    begun = []
+    for way in (0.0, 1.0):
+        made = tracker()
+        made.observe(estimates=[at(0, probability=0.9)])
+        made.move(step=drive(way))
+        rest = made.rest
+        made.observe(estimates=[at(2, probability=0.9)])
+        begun.append(next(h for h in made.hypotheses if h.place.node == 2).probability / rest)
+    assert begun[0] == pytest.approx(float(CONFIG.share), rel=0.1)
+    assert begun[1] > 4 * begun[0]
