@@ -59,6 +59,16 @@ def read_split(name: str, stride: int = 1) -> Split:
     )
 
 
+def map_names() -> list[str]:
+    """All logs that maps are built from."""
+    return sorted(path.name for path in _found(data_root() / "maps").iterdir())
+
+
+def map_folder(name: str) -> Path:
+    """A whole run with raw odometry, `build.log.gz`, and the truth, `build.tum`."""
+    return _found(data_root() / "maps" / name)
+
+
 def track_folder(name: str) -> Path:
     """A run to build a map from and one to localize in it, `build` and `track`, with the truth."""
     return _found(data_root() / "tracks" / name)

@@ -2,7 +2,8 @@
 
 Recognition is global and sees one scan at a time; a robot that drives knows roughly where it went,
 and its scans of one place overlap. Each pair is settled from several starts, since wheels slip
-most while turning, and the start whose result agrees best beam by beam wins.
+most while turning, and the start whose result agrees best beam by beam wins. Where a place looks
+alike from several poses, one that the wheels deny must agree the better.
 """
 
 from functools import partial
@@ -17,6 +18,7 @@ from jaxtyping import Array, Float, Int
 from aprjax.configuration import threshold
 from aprjax.evaluation.congruence import CongruenceConfig, Verdicts, congruence
 from aprjax.evaluation.view import View
+from aprjax.numerics import HIGHEST, dot, wrap
 from aprjax.refine import RefineConfig, estimate, settle
 from aprjax.se2 import inverse
 
@@ -30,6 +32,9 @@ class AlignConfig(eqx.Module):
     congruence: CongruenceConfig = CongruenceConfig()
     contradiction: Float[Array, ""] = threshold(1.5, "agreeing beams that one contradiction undoes")
     doubt: Float[Array, ""] = threshold(0.1, "doubtful beams assumed beforehand, a share of hits")
+    surprise: Float[Array, ""] = threshold(
+        27.0, "squared deviations off what is expected, in all, that make agreement count half"
+    )
 
 
 class Aligned(NamedTuple):
@@ -40,7 +45,17 @@ class Aligned(NamedTuple):
     covariance: np.ndarray
     """`(pairs, 3, 3)`, as `refine.estimate` has it."""
     agreement: np.ndarray
-    """`(pairs,)` in [0, 1]: shares of agreeing beams of both scans, multiplied."""
+    """`(pairs,)` in [0, 1]: shares of agreeing beams of both scans, multiplied, and weighed by what
+    was expected."""
+
+
+class Expected(NamedTuple):
+    """What is known of the relative poses beforehand."""
+
+    T_first_second: np.ndarray
+    """`(pairs, 3)` metres, radians."""
+    root: np.ndarray
+    """`(pairs, 3, 3)`: W with Wᵀ W the inverse covariance."""
 
 
 def align_pairs(
@@ -48,24 +63,30 @@ def align_pairs(
     first: np.ndarray,
     second: np.ndarray,
     starts: np.ndarray,
-    weights: np.ndarray,
     config: AlignConfig,
+    expected: Expected | None = None,
 ) -> Aligned:
     """Scans `first` `(pairs,)` and `second` of `views` `(scans,)`, aligned from `starts`.
 
-    `starts` `(pairs, S, 3)` are poses `T_first_second` to begin with; the agreement that is reached
-    from each counts `weights` `(S,)`. Compiles once for each S and each size of `views`.
+    `starts` `(pairs, S, 3)` are poses `T_first_second` to begin with. A result that is not what
+    was `expected` counts the less, by Cauchy's weight of how far off it is; so does the agreement
+    that is returned. Compiles once for each S and each size of `views`.
     """
+    if expected is None:
+        expected = Expected(np.zeros((len(first), 3)), np.zeros((len(first), 3, 3)))
     parts = []
     for begin in range(0, len(first), _SLOTS):
-        count = min(_SLOTS, len(first) - begin)
-        taken = slice(begin, begin + count)
-        padded = np.zeros((_SLOTS, *starts.shape[1:]), np.float32)
-        padded[:count] = starts[taken]
-        rows = np.zeros((2, _SLOTS), np.int32)
-        rows[:, :count] = first[taken], second[taken]
-        weighed = np.asarray(weights, np.float32)
-        found = _align(views, rows, padded, weighed, np.int32(count), config)
+        taken = slice(begin, begin + _SLOTS)
+        count = len(first[taken])
+
+        def padded(array: np.ndarray, kind: type, taken=taken, count=count) -> np.ndarray:
+            whole = np.zeros((_SLOTS, *array.shape[1:]), kind)
+            whole[:count] = array[taken]
+            return whole
+
+        rows = padded(np.stack([first, second], axis=1), np.int32)
+        poses = [padded(array, np.float32) for array in (starts, *expected)]
+        found = _align(views, rows, *poses, np.int32(count), config)
         parts.append([np.asarray(array, float)[:count] for array in jax.device_get(found)])
     if not parts:
         return Aligned(np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0))
@@ -75,30 +96,34 @@ def align_pairs(
 @partial(jax.jit)
 def _align(
     views: View,
-    rows: Int[Array, "2 slots"],
+    rows: Int[Array, "slots 2"],
     starts: Float[Array, "slots starts 3"],
-    weights: Float[Array, " starts"],
+    T_expected: Float[Array, "slots 3"],
+    root: Float[Array, "slots 3 3"],
     count: Int[Array, ""],
     config: AlignConfig,
 ) -> tuple[Float[Array, "slots 3"], Float[Array, "slots 3 3"], Float[Array, " slots"]]:
     """Pair after pair, which on a CPU keeps what one needs in the cache."""
 
     def one(index, results):
-        first, second = (jax.tree.map(lambda a: a[rows[k, index]], views) for k in range(2))  # noqa: B023
+        first, second = (jax.tree.map(lambda a: a[rows[index, k]], views) for k in range(2))  # noqa: B023
 
         def attempt(start):
             T = settle(first, second, start, config.refine)
             ahead = congruence(first, second, inverse(T), config.congruence)
             back = congruence(second, first, T, config.congruence)
-            return T, _share(ahead, config) * _share(back, config)
+            gap = T - T_expected[index]
+            off = jnp.matmul(root[index], gap.at[2].set(wrap(gap[2])), precision=HIGHEST)
+            weight = 1.0 / (1.0 + dot(off, off) / config.surprise)
+            return T, weight * _share(ahead, config) * _share(back, config)
 
         poses, agreement = jax.vmap(attempt)(starts[index])
-        best = jnp.argmax(weights * agreement)
+        best = jnp.argmax(agreement)
         refined = estimate(first, second, poses[best], config.refine)
         found = refined.T_ref_query, refined.covariance, agreement[best]
         return jax.tree.map(lambda all_, new: all_.at[index].set(new), results, found)
 
-    slots = rows.shape[1]
+    slots = rows.shape[0]
     empty = jnp.zeros((slots, 3)), jnp.zeros((slots, 3, 3)), jnp.zeros(slots)
     return jax.lax.fori_loop(0, count, one, empty)
 

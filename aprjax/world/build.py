@@ -35,7 +35,7 @@ from aprjax.world.plane import (
 from aprjax.world.recognition import RecognitionConfig, Sightings, sightings
 from aprjax.world.smoothing import Measurements
 from aprjax.world.super_space import neighbourhood
-from aprjax.world.tidy import drop_shortcuts, merge_close_nodes
+from aprjax.world.tidy import drop_shortcuts, merge_close_nodes, steady_frames
 
 
 class MapConfig(eqx.Module):
@@ -100,6 +100,7 @@ def build_from_scans(
             progress(1)
     world = mapper.world
     measured = Measurements.join([moved.measured, *mapper.links])
+    steady_frames(world, moved)
     fit_arcs(world, measured)
     merge_close_nodes(world, float(config.one_place), float(config.sure))
     drop_shortcuts(world, float(config.detour))

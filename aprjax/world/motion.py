@@ -12,14 +12,16 @@ from jaxtyping import Array, Float
 
 from aprjax.configuration import threshold
 from aprjax.evaluation.view import View
-from aprjax.world.alignment import AlignConfig, Aligned, align_pairs
+from aprjax.world.alignment import AlignConfig, Aligned, Expected, align_pairs
 from aprjax.world.plane import compose, distance, relative, wrap
 from aprjax.world.smoothing import Measurements, smooth
 
-_TURNS = np.radians([0, -5, 5, -10, 10, -18, 18])
+_TURNS = np.array([0, -0.6, 0.6, -1.2, 1.2, -2.2, 2.2, -3.2, 3.2])  # deviations of odometry
 _FEW_TURNS = np.radians([0, -6, 6])
+_SKID = np.radians(8)  # at least for that: wheels may slip on the spot
 NARROW_TURNS = np.radians([0, -4, 4])
 """Turns of the starts where the relative pose is known from other scans."""
+_OFF = 1.5  # deviations of odometry that starts lie off it
 _ABOUT = 0.4  # metres
 _LAGS = (1.0, 2.0, 3.0)  # metres of way between scans that are aligned besides neighbours
 
@@ -36,9 +38,6 @@ class MotionConfig(eqx.Module):
     turn_per_turn: Float[Array, ""] = threshold(0.1, "radians that a radian adds")
     agreement: Float[Array, ""] = threshold(0.03, "least agreement of an aligned pair that counts")
     firm: Float[Array, ""] = threshold(0.25, "agreement below which a pair is doubted")
-    other_way: Float[Array, ""] = threshold(
-        0.25, "what agreement counts from a start at rest or backwards"
-    )
     floor: Float[Array, ""] = threshold(0.015, "metres: least deviation of an aligned pair")
     turn_floor: Float[Array, ""] = threshold(np.radians(0.25), "radians: the same")
 
@@ -77,16 +76,16 @@ def motion(views: View, odometry: np.ndarray, config: MotionConfig) -> Motion:
     """
     count = len(odometry)
     steps = relative(odometry[:-1], odometry[1:])
-    of_odometry = Measurements.make(
-        np.arange(count - 1), np.arange(1, count), steps, _odometry_covariance(steps, config)
-    )
+    covariance = _odometry_covariance(steps, config)
+    of_odometry = Measurements.make(np.arange(count - 1), np.arange(1, count), steps, covariance)
     measured = [of_odometry]
     if count == 1:
         return Motion(odometry.copy(), np.zeros((1, 3, 3)), np.zeros(1), of_odometry)
 
     pairs = np.arange(count - 1), np.arange(1, count)
-    starts, weights = _wide(steps, config)
-    aligned = align_pairs(views, *pairs, starts, weights, config.align)
+    expected = Expected(steps, of_odometry.root)
+    starts = _wide(steps, covariance)
+    aligned = align_pairs(views, *pairs, starts, config.align, expected)
     measured.append(agreeing(*pairs, aligned, config))
     followed = np.where(
         (aligned.agreement > config.agreement)[:, None], aligned.T_first_second, steps
@@ -108,7 +107,7 @@ def motion(views: View, odometry: np.ndarray, config: MotionConfig) -> Motion:
         done.update(pairs)
         first, second = np.array(pairs).T
         starts = turned(relative(poses[first], poses[second]), NARROW_TURNS)
-        aligned = align_pairs(views, first, second, starts, np.ones(3), config.align)
+        aligned = align_pairs(views, first, second, starts, config.align)
         measured.append(agreeing(first, second, aligned, config))
         poses = smooth(poses, Measurements.join(measured))
     together = Measurements.join(measured)
@@ -139,22 +138,27 @@ def doubted(covariance: np.ndarray, agreement: np.ndarray, config: MotionConfig)
 
 
 def turned(poses: np.ndarray, turns: np.ndarray) -> np.ndarray:
-    """Starts `(..., turns, 3)`: each pose `(..., 3)` turned about its own origin."""
-    starts = np.repeat(poses[..., None, :], len(turns), axis=-2)
+    """Starts `(..., turns, 3)`: each pose `(..., 3)` turned about its own origin.
+
+    `turns` `(turns,)` or `(..., turns)` are radians.
+    """
+    starts = np.repeat(poses[..., None, :], np.shape(turns)[-1], axis=-2)
     starts[..., 2] += turns
     return starts
 
 
-def _wide(steps: np.ndarray, config: MotionConfig) -> tuple[np.ndarray, np.ndarray]:
-    """Starts for steps that only odometry knows, and their weights.
+def _wide(steps: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Starts `(..., S, 3)` for steps `(..., 3)` that only odometry knows.
 
-    Some robots' wheels count alike in both directions, and some slip on the spot; but along a
-    corridor any step agrees, so that such starts must agree far better to win.
+    As far ahead, back, aside and turned as odometry may be off; and at rest or the other way, since
+    some robots' wheels count alike in both directions.
     """
-    groups = [(1.0, _TURNS), (0.0, _FEW_TURNS), (-1.0, _FEW_TURNS)]
-    starts = [turned(steps * [share, share, 1.0], turns) for share, turns in groups]
-    weights = [1.0] * len(_TURNS) + [float(config.other_way)] * (2 * len(_FEW_TURNS))
-    return np.concatenate(starts, axis=1), np.array(weights)
+    off = _OFF * np.sqrt(covariance[:, 0, 0])
+    turns = np.maximum(np.sqrt(covariance[:, 2, 2]), _SKID)[:, None] * _TURNS
+    aside = np.array([(0, 0, 0), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0)], float)
+    starts = [turned(steps + off[:, None] * way, turns) for way in aside]
+    starts += [turned(steps * [share, share, 1.0], _FEW_TURNS) for share in (0.0, -1.0)]
+    return np.concatenate(starts, axis=1)
 
 
 def _odometry_covariance(steps: np.ndarray, config: MotionConfig) -> np.ndarray:

@@ -1,17 +1,38 @@
-"""What a second pass left double: nodes at one place, and arcs that only cut a corner.
+"""What only the whole drive shows: better frames, nodes at one place, arcs that only cut a corner.
 
-Where the robot did not know at once that it was back, it made new nodes beside the old ones, and
-recognition joined them later. One place is one node, and two ways between neighbours are one.
+A node begins with the scan that needed it, which may be a poor frame. Where the robot did not know
+at once that it was back, it made new nodes beside the old ones, and recognition joined them later.
+One place is one node, and two ways between neighbours are one.
 """
 
 import networkx as nx
+import numpy as np
 
 from aprjax.world.model import WorldModel
+from aprjax.world.motion import Motion
 from aprjax.world.parts import Arc
 from aprjax.world.plane import distance, spread
 from aprjax.world.super_space import neighbourhood
 
 _ARCS = 2  # between nodes that may be one
+_OUTLYING = np.radians(5)  # radians of turning that a metre off the middle of the scans counts
+
+
+def steady_frames(world: WorldModel, moved: Motion) -> None:
+    """Give each node the frame of a scan about its middle that was not taken in a turn.
+
+    A scan lasts some time: one that was taken while the robot turned is skewed, and so is the
+    heading that goes with it.
+    """
+    inside: dict[int, list[int]] = {node: [] for node in world.graph}
+    for scan, place in sorted(world.places.items()):
+        inside[place.node].append(scan)
+    for node, scans in inside.items():
+        if scans:
+            xy = np.array([world.places[scan].T_node_laser[:2] for scan in scans])
+            off = np.hypot(*(xy - np.median(xy, axis=0)).T)
+            turns = np.array([moved.turn(scan) for scan in scans])
+            world.move_frame(node, scans[int(np.argmin(turns + _OUTLYING * off))])
 
 
 def merge_close_nodes(world: WorldModel, gap: float, deviation: float) -> None:
