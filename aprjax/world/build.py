@@ -2,7 +2,8 @@
 
 Scan after scan the robot is carried on by its motion. In a part of the map that it knows it is
 followed among the references there; elsewhere it makes new nodes and references, until enough of
-its scans say that it is back at a known place.
+its scans say that it is back at a known place. Where consecutive scans show nothing in common and
+odometry alone says little, the map claims nothing: it falls into parts, unless they meet elsewhere.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -53,6 +54,10 @@ class MapConfig(eqx.Module):
         0.3, "metres: deviation up to which dead reckoning leads back to an older node"
     )
     back_turn: Float[Array, ""] = threshold(np.radians(4), "radians, likewise")
+    unsupported: Float[Array, ""] = threshold(
+        0.6, "metres: deviation from which an arc says nothing, and is left out"
+    )
+    unsupported_turn: Float[Array, ""] = threshold(np.radians(6), "radians, likewise")
     one_place: Float[Array, ""] = threshold(1.5, "metres up to which two nodes are made one")
     sure: Float[Array, ""] = threshold(0.4, "metres: deviation of their distance at most")
     detour: Float[Array, ""] = threshold(1.3, "of an arc's length, that makes it superfluous")
@@ -100,8 +105,11 @@ def build_from_scans(
             progress(1)
     world = mapper.world
     measured = Measurements.join([moved.measured, *mapper.links])
-    steady_frames(world, moved)
+    steady_frames(world, moved, mapper.covariance)
     fit_arcs(world, measured)
+    for arc in list(world.arcs()):
+        if not supported(arc.covariance, config):
+            world.remove_arc(arc.a, arc.b)
     merge_close_nodes(world, float(config.one_place), float(config.sure))
     drop_shortcuts(world, float(config.detour))
     world.add_references(
@@ -110,6 +118,12 @@ def build_from_scans(
     )
     world.check()
     return world
+
+
+def supported(covariance: np.ndarray, config: MapConfig) -> bool:
+    """Whether a pose is certain enough to say anything."""
+    off, turn = spread(covariance), turn_spread(covariance)
+    return bool(off <= config.unsupported and turn <= config.unsupported_turn)
 
 
 class _Mapper:
@@ -122,15 +136,16 @@ class _Mapper:
         self.references: list[int] = []
         """Numbers of the scans that are references."""
         self._moved, self._seen, self._views, self._config = moved, seen, views, config
+        self.covariance: dict[int, np.ndarray] = {}
+        """`(3, 3)` of each scan's pose in its node's frame."""
         self._by_node: dict[int, list[int]] = {}
-        self._covariance: dict[int, np.ndarray] = {}
         self._last_known = -1
         self._place(0, Located(Place(self.world.add_node(0), np.zeros(3)), np.zeros((3, 3))))
 
     def advance(self, scan: int) -> None:
         """Place the next scan, in a node that there is or in a new one."""
         before = self.world.places[scan - 1]
-        expected = Located(before, self._covariance[scan - 1]).moved(
+        expected = Located(before, self.covariance[scan - 1]).moved(
             self._moved.step(scan - 1, scan), self._moved.covariance[scan]
         )
         found = self._follow(scan, expected)
@@ -181,7 +196,7 @@ class _Mapper:
         covariance = doubted(
             found.aligned.covariance[0], found.aligned.agreement[0], self._config.motion
         )
-        return Located(place, self._covariance[reference]).moved(T, covariance)
+        return Located(place, self.covariance[reference]).moved(T, covariance)
 
     def _home(self, scan: int, expected: Located, located: Located, *, known: bool) -> Located:
         """The pose in the frame of the node it belongs to; a new node and arcs as they are due."""
@@ -201,7 +216,8 @@ class _Mapper:
         # A scan that was taken while turning is skewed, and makes a poor frame.
         turning = self._moved.turn(scan) > self._config.steady
         reach = float(self._config.reach + self._config.slack * turning)
-        if distance(located.place.T_node_laser) <= reach:
+        lost = not known and not supported(located.covariance, self._config)
+        if distance(located.place.T_node_laser) <= reach and not lost:
             return located
         if not known and (
             spread(located.covariance) > self._config.back
@@ -241,7 +257,7 @@ class _Mapper:
     def _place(self, scan: int, located: Located) -> None:
         """Remember where a scan was taken, and keep it as a reference where it adds something."""
         self.world.place_scan(scan, located.place)
-        self._covariance[scan] = located.covariance
+        self.covariance[scan] = located.covariance
         for node, link in neighbourhood(self.world, located.place.node, 2).items():
             for reference in self._by_node.get(node, ()):
                 T = compose(link.T_start_end, self.world.places[reference].T_node_laser)

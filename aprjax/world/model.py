@@ -186,18 +186,20 @@ class WorldModel:
         self.images[number] = appearance
         return number
 
-    def move_frame(self, node: int, scan: int) -> None:
-        """Give a node the frame of a scan that is placed in it; what is where stays."""
+    def move_frame(self, node: int, scan: int, covariance: np.ndarray) -> None:
+        """Give a node the frame of a scan that is placed in it; what is where stays.
+
+        `covariance` `(3, 3)` is that of the scan's pose in the old frame, which its arcs take on.
+        """
         self._check_nodes("node", node)
         if scan not in self.places or self.places[scan].node != node:
             raise WorldModelError(f"node {node}: scan {scan} is not placed in it")
         T_old_new = self.places[scan].T_node_laser
-        exact = np.zeros((3, 3))
         for neighbour in sorted(self.graph[node]):
             arc = self.arc(neighbour, node)
             T = compose(arc.T_a_b, T_old_new)
-            covariance = compose_covariance(arc.T_a_b, arc.covariance, T_old_new, exact)
-            self.replace_arc(Arc(neighbour, node, T, covariance, arc.kind))
+            both = compose_covariance(arc.T_a_b, arc.covariance, T_old_new, covariance)
+            self.replace_arc(Arc(neighbour, node, T, 0.5 * (both + both.T), arc.kind))
 
         def into_new(place: Place) -> Place:
             if place.node != node:

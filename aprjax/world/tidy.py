@@ -11,28 +11,31 @@ import numpy as np
 from aprjax.world.model import WorldModel
 from aprjax.world.motion import Motion
 from aprjax.world.parts import Arc
-from aprjax.world.plane import distance, spread
+from aprjax.world.plane import distance, spread, turn_spread
 from aprjax.world.super_space import neighbourhood
 
 _ARCS = 2  # between nodes that may be one
+_SURE, _SURE_TURN = 0.3, np.radians(4)  # metres and radians: deviations of a pose that may be one
 _OUTLYING = np.radians(5)  # radians of turning that a metre off the middle of the scans counts
 
 
-def steady_frames(world: WorldModel, moved: Motion) -> None:
+def steady_frames(world: WorldModel, moved: Motion, covariance: dict[int, np.ndarray]) -> None:
     """Give each node the frame of a scan about its middle that was not taken in a turn.
 
     A scan lasts some time: one that was taken while the robot turned is skewed, and so is the
-    heading that goes with it.
+    heading that goes with it. `covariance` `(3, 3)` is that of each scan's pose in its node.
     """
     inside: dict[int, list[int]] = {node: [] for node in world.graph}
     for scan, place in sorted(world.places.items()):
-        inside[place.node].append(scan)
+        if spread(covariance[scan]) < _SURE and turn_spread(covariance[scan]) < _SURE_TURN:
+            inside[place.node].append(scan)
     for node, scans in inside.items():
         if scans:
             xy = np.array([world.places[scan].T_node_laser[:2] for scan in scans])
             off = np.hypot(*(xy - np.median(xy, axis=0)).T)
             turns = np.array([moved.turn(scan) for scan in scans])
-            world.move_frame(node, scans[int(np.argmin(turns + _OUTLYING * off))])
+            chosen = scans[int(np.argmin(turns + _OUTLYING * off))]
+            world.move_frame(node, chosen, covariance[chosen])
 
 
 def merge_close_nodes(world: WorldModel, gap: float, deviation: float) -> None:
