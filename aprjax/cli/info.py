@@ -12,10 +12,13 @@ import numpy as np
 from aprjax.anchors.extract import Anchors, ExtractionConfig, extract
 from aprjax.cli.errors import CommandError
 from aprjax.cli.inputs import add_topic_options, holds_references, open_references, read_entries
+from aprjax.cli.map import map_facts, open_map
 from aprjax.io.log import LogError, LogReport
 from aprjax.io.reference_file import VERSION
 from aprjax.io.rosbag import LASER_TYPES, ODOMETRY, Topic, bag_topics, is_bag
 from aprjax.scan import Scan
+from aprjax.world.store import VERSION as MAP_VERSION
+from aprjax.world.store import looks_like_map
 
 _SAMPLE = 64  # scans of which anchors are counted
 
@@ -25,10 +28,12 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
     parser = commands.add_parser(
         "info",
         help="say what a file holds",
-        description="Say what a log, bag or reference file holds. Of a bag with several topics of "
-        "scans or odometry of which none is chosen, only the topics are listed.",
+        description="Say what a log, bag, reference file or map holds. Of a bag with several "
+        "topics of scans or odometry of which none is chosen, only the topics are listed.",
     )
-    parser.add_argument("file", type=Path, metavar="FILE", help="a log or bag, or a reference file")
+    parser.add_argument(
+        "file", type=Path, metavar="FILE", help="a log or bag, a reference file, or a map"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     add_topic_options(parser, odometry=True)
     parser.set_defaults(run=run)
@@ -37,11 +42,12 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
 def run(arguments: argparse.Namespace) -> None:
     """Carry out the subcommand. Raises `CommandError` and `OSError`."""
     path = arguments.file
-    facts = (
-        _reference_facts(path)
-        if holds_references(path)
-        else _log_facts(path, arguments.topic, arguments.odometry)
-    )
+    if not holds_references(path):
+        facts = _log_facts(path, arguments.topic, arguments.odometry)
+    elif looks_like_map(path):
+        facts = _map_facts(path)
+    else:
+        facts = _reference_facts(path)
     # A name that is no Unicode must not stop the print.
     facts = {"file": str(path).encode(errors="replace").decode(), **facts}
     if arguments.json:
@@ -164,6 +170,13 @@ def _reference_facts(path: Path) -> dict[str, Any]:
         "anchors_per_scan": round(float(anchors.sum(axis=1).mean()), 2),
         "anchor_capacity": index.config.extraction.anchors,
     }
+
+
+def _map_facts(path: Path) -> dict[str, Any]:
+    """All but the list of torn cycles, which `aprjax map info` spells out."""
+    facts = map_facts(open_map(path))
+    facts.pop("worst_cycles")
+    return {"kind": "map file", "version": MAP_VERSION, **facts}
 
 
 def _plain(value: Any) -> str:

@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import networkx as nx
 import numpy as np
 
 from aprjax.cli.errors import CommandError
@@ -135,14 +136,14 @@ def _build(arguments: argparse.Namespace) -> None:
 
 def _show(arguments: argparse.Namespace) -> None:
     check_output(arguments.out, arguments.map)
-    world = _load(arguments.map)
+    world = open_map(arguments.map)
     figure = draw_world(world, _frame(world, arguments), scans=not arguments.no_scans)
     with atomic_write(arguments.out, "wb") as file:
         figure.savefig(file, format="png", dpi=_DPI)
 
 
 def _path(arguments: argparse.Namespace) -> None:
-    world = _load(arguments.map)
+    world = open_map(arguments.map)
     try:
         way = plan(world, arguments.start, arguments.goal)
     except PlanError as error:
@@ -155,7 +156,7 @@ def _path(arguments: argparse.Namespace) -> None:
 
 
 def _info(arguments: argparse.Namespace) -> None:
-    facts = _facts(_load(arguments.map))
+    facts = map_facts(open_map(arguments.map))
     if arguments.json:
         print(json.dumps(facts, indent=2))
         return
@@ -169,12 +170,14 @@ def _info(arguments: argparse.Namespace) -> None:
         )
 
 
-def _facts(world: WorldModel) -> dict[str, Any]:
+def map_facts(world: WorldModel) -> dict[str, Any]:
+    """What a map holds, in numbers, and where it is torn."""
     found = sorted(cycles(world), key=lambda cycle: -float(distance(cycle.T_residual)))
     arcs = list(world.arcs())
     assembled, relaxed = (residuals(world, frame) for frame in (assemble(world), relax(world)))
     return {
         "nodes": len(world.nodes),
+        "parts": nx.number_connected_components(world.graph),
         "arcs": len(arcs),
         "arcs_closed": sum(arc.kind == "closed" for arc in arcs),
         "length_m": round(sum(arc.length for arc in arcs), 1),
@@ -208,7 +211,7 @@ def _export(arguments: argparse.Namespace) -> None:
     if chosen is None:
         raise CommandError(f"{arguments.out}: say --format, one of {', '.join(_FORMATS)}")
     check_output(arguments.out, arguments.map)
-    world = _load(arguments.map)
+    world = open_map(arguments.map)
     try:
         if chosen in ("g2o", "toro"):
             graph = export.pose_graph(world, _frame(world, arguments))
@@ -233,7 +236,8 @@ def _frame(world: WorldModel, arguments: argparse.Namespace) -> dict[int, np.nda
         raise CommandError(f"{arguments.map}: {error}") from None
 
 
-def _load(path: Path) -> WorldModel:
+def open_map(path: Path) -> WorldModel:
+    """A saved map."""
     try:
         return load_map(path)
     except MapFileError as error:

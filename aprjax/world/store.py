@@ -55,6 +55,20 @@ def load_map(path: str | os.PathLike[str]) -> WorldModel:
         raise MapFileError(f"{os.fspath(path)}: {error}") from None
 
 
+def looks_like_map(path: str | os.PathLike[str]) -> bool:
+    """Whether a file says that it is a map. Raises `OSError` if it cannot be read."""
+    with Path(path).open("rb") as file:
+        if file.read(2) != b"PK":
+            return False
+        file.seek(0)
+        # Damage shows as whatever zipfile, zlib or NumPy's parser of headers stumbles over.
+        try:
+            with np.load(file, allow_pickle=False) as archive:
+                return str(archive["format"]) == FORMAT
+        except Exception:
+            return False
+
+
 def _packed(world: WorldModel) -> dict[str, Any]:
     nodes, arcs = world.nodes, list(world.arcs())
     node_scans = [world.graph.nodes[node]["scan"] for node in nodes]

@@ -5,6 +5,9 @@ import pytest
 
 from aprjax.io.reference_file import save_references
 from aprjax.references import ReferenceSet
+from aprjax.world.model import WorldModel
+from aprjax.world.parts import Arc
+from aprjax.world.store import save_map
 from tests.worlds import free_pose, office, scan_at
 
 
@@ -70,6 +73,21 @@ def test_a_reference_file(tmp_path, command):
     assert facts["anchor capacity"] == "16"
     valid = np.asarray(references.index.features.anchors.valid)[:11]
     assert float(facts["anchors per scan"]) == pytest.approx(valid.sum(axis=1).mean(), abs=0.01)
+
+
+def test_a_map(tmp_path, command):
+    world = WorldModel()
+    for node in range(3):
+        world.add_node(node)
+    world.add_arc(Arc(0, 1, np.array([3.0, 0.0, 0.0]), np.diag([1e-3, 1e-3, 1e-4]), "driven"))
+    path = tmp_path / "office"
+    save_map(world, path)
+    status, out, err = command("info", path)
+    assert (status, err) == (0, "")
+    facts = facts_of(out)
+    assert facts["kind"] == "map file"
+    assert (facts["nodes"], facts["parts"], facts["arcs"]) == ("3", "2", "1")
+    assert (facts["length m"], facts["references"], facts["cycles torn"]) == ("3.0", "0", "0")
 
 
 @pytest.mark.parametrize(

@@ -62,6 +62,27 @@ def test_a_node_that_is_split_leaves_everything_where_it_was(square):
         np.testing.assert_allclose(between(square, place(1), seen.place)[0], before[k], atol=1e-9)
 
 
+def test_a_node_with_another_frame_leaves_everything_where_it_was(square):
+    square.place_scan(21, place(2, 0.4, -0.1, 0.7))
+    scan, before = place(2, 0.4, -0.1, 0.7), {}
+    for node in (1, 3):
+        before[node] = between(square, place(node), scan)[0]
+    seen = between(square, place(1), square.appearances[2].place)[0]
+    uncertain = np.diag([0.01, 0.01, 0.001])
+    square.move_frame(2, 21, uncertain)
+    square.check()
+    assert square.graph.nodes[2]["scan"] == 21
+    np.testing.assert_allclose(square.places[21].T_node_laser, 0, atol=1e-12)
+    for node in (1, 3):
+        np.testing.assert_allclose(square.arc(node, 2).T_a_b, before[node], atol=1e-12)
+        assert np.trace(square.arc(node, 2).covariance) >= np.trace(uncertain)
+    np.testing.assert_allclose(
+        between(square, place(1), square.appearances[2].place)[0], seen, atol=1e-12
+    )
+    with pytest.raises(WorldModelError, match="node 1: scan 21 is not placed in it"):
+        square.move_frame(1, 21, uncertain)
+
+
 def test_nodes_that_are_merged_leave_everything_where_it_was(square):
     before = between(square, place(0), square.images[0].place)[0]
     square.merge_nodes(0, 1)
