@@ -38,6 +38,8 @@ from aprjax.world.smoothing import Measurements
 from aprjax.world.super_space import neighbourhood
 from aprjax.world.tidy import drop_shortcuts, merge_close_nodes, steady_frames
 
+_ABOUT = 0.4  # metres about a scan in which the robot may turn
+
 
 class MapConfig(eqx.Module):
     """How a map is built, stage by stage."""
@@ -214,7 +216,7 @@ class _Mapper:
     def _nearest(self, scan: int, located: Located, *, known: bool) -> Located | None:
         """The pose in a node within reach: its own, or else the nearest around it."""
         # A scan that was taken while turning is skewed, and makes a poor frame.
-        turning = self._moved.turn(scan) > self._config.steady
+        turning = self._moved.turn(scan, _ABOUT) > self._config.steady
         reach = float(self._config.reach + self._config.slack * turning)
         lost = not known and not supported(located.covariance, self._config)
         if distance(located.place.T_node_laser) <= reach and not lost:

@@ -22,7 +22,6 @@ _SKID = np.radians(8)  # at least for that: wheels may slip on the spot
 NARROW_TURNS = np.radians([0, -4, 4])
 """Turns of the starts where the relative pose is known from other scans."""
 _OFF = 1.5  # deviations of odometry that starts lie off it
-_ABOUT = 0.4  # metres
 _LAGS = (1.0, 2.0, 3.0)  # metres of way between scans that are aligned besides neighbours
 
 
@@ -60,9 +59,9 @@ class Motion:
         """`T_first_second` `(3,)`."""
         return relative(self.poses[first], self.poses[second])
 
-    def turn(self, scan: int) -> float:
-        """Radians by which the robot turned about a scan: within 0.4 m, one step at least."""
-        way = self.way[scan] + np.array([-_ABOUT, _ABOUT])
+    def turn(self, scan: int, about: float) -> float:
+        """Radians by which the robot turned within `about` metres of a scan, one step at least."""
+        way = self.way[scan] + np.array([-about, about])
         first, last = np.searchsorted(self.way, way)
         first, last = max(min(first, scan - 1), 0), min(max(last, scan + 1), len(self.way) - 1)
         return float(np.abs(wrap(np.diff(self.poses[first : last + 1, 2]))).sum())

@@ -16,6 +16,7 @@ from aprjax.world.super_space import neighbourhood
 
 _ARCS = 2  # between nodes that may be one
 _SURE, _SURE_TURN = 0.3, np.radians(4)  # metres and radians: deviations of a pose that may be one
+_ABOUT = 1.0  # metres about a scan in which turning counts
 _OUTLYING = np.radians(5)  # radians of turning that a metre off the middle of the scans counts
 
 
@@ -33,7 +34,7 @@ def steady_frames(world: WorldModel, moved: Motion, covariance: dict[int, np.nda
         if scans:
             xy = np.array([world.places[scan].T_node_laser[:2] for scan in scans])
             off = np.hypot(*(xy - np.median(xy, axis=0)).T)
-            turns = np.array([moved.turn(scan) for scan in scans])
+            turns = np.array([moved.turn(scan, _ABOUT) for scan in scans])
             chosen = scans[int(np.argmin(turns + _OUTLYING * off))]
             world.move_frame(node, chosen, covariance[chosen])
 

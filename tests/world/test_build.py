@@ -75,6 +75,21 @@ def test_references_are_kept_where_they_add_something(built):
         assert world.arc_end(seen).neighbour is not None
 
 
+def test_where_scans_show_nothing_in_common_the_map_claims_nothing():
+    log, truth = drive(seed=3, way=24.0)
+    # From before the first corner to behind the second one, and only odometry tells how.
+    kept = [*range(20), *range(44, 48)]
+    world = build_map([log[k] for k in kept])
+    world.check()
+    before, after = world.places[19].node, world.places[20].node
+    assert not nx.has_path(world.graph, before, after)
+    for scan, number in enumerate(kept):
+        place = world.places[scan]
+        frame = kept[world.graph.nodes[place.node]["scan"]]
+        off = relative(place.T_node_laser, relative(truth[frame], truth[number]))
+        assert distance(off) < 0.3
+
+
 def test_a_log_without_scans_or_odometry_is_refused():
     log, _ = drive(seed=3, way=1.0)
     with pytest.raises(ValueError, match="there is no scan"):
