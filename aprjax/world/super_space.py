@@ -156,8 +156,15 @@ def _uncertainty(a: int, b: int, attributes: dict) -> float:
 
 
 def _in_order(graph: nx.Graph, nodes: list[int]) -> tuple[int, ...]:
-    """The nodes of a chordless cycle one after the other, from the lowest."""
-    inside = graph.subgraph(nodes)
+    """The nodes of a cycle one after the other, from the lowest.
+
+    Where the map is torn, an arc between two of them may be longer than the way round.
+    """
+    inside = nx.Graph(graph.subgraph(nodes))
+    arcs = sorted(inside.edges(data="arc"), key=lambda edge: (-edge[2].length, edge[:2]))
+    for a, b, _ in arcs:
+        if inside.degree[a] > 2 and inside.degree[b] > 2:
+            inside.remove_edge(a, b)
     start = min(nodes)
     ordered, before = [start, min(inside[start])], start
     while len(ordered) < len(nodes):

@@ -133,3 +133,32 @@ def test_a_path_to_nowhere_is_a_clear_error(square):
         plan(square, 0, 4)
     with pytest.raises(PlanError, match="node 7: the map has none, only 0 to 4"):
         plan(square, 7, 0)
+
+
+def test_an_arc_longer_than_the_way_round_it_is_a_cycle_of_its_own(square):
+    shortcut = np.array([9.0, 0.0, 0.0])
+    # Added where networkx lists it before the arcs of the way round.
+    square.remove_arc(2, 3)
+    square.add_arc(Arc(0, 2, shortcut, square.arc(0, 1).covariance, "closed"))
+    square.add_arc(Arc(2, 3, AHEAD, square.arc(0, 1).covariance, "driven"))
+    whole, torn_one = cycles(square)
+    assert whole.nodes == (0, 1, 2, 3)
+    assert not whole.torn
+    assert torn_one.torn
+    assert torn_one.length == pytest.approx(4.0 + 9.0)
+
+
+def test_a_stem_beside_a_torn_cycle_is_drawn_and_planned_as_it_was_measured(square):
+    # Straight on where the way round turns left.
+    ahead = np.array([2.0, 0.0, 0.0])
+    square.add_arc(Arc(1, 4, np.array([0.0, -2.0, -np.pi / 2]), 0.01 * np.eye(3), "driven"))
+    stem = square.add_node()
+    square.add_arc(Arc(4, stem, ahead, 0.01 * np.eye(3), "driven"))
+    torn(square, 0.4)
+    off = residuals(square, relax(square))
+    named = [(arc.a, arc.b) for arc in square.arcs()]
+    np.testing.assert_allclose(off[[named.index((1, 4)), named.index((4, stem))]], 0, atol=1e-3)
+    way = plan(square, 0, stem)
+    assert way.nodes == (0, 1, 4, stem)
+    np.testing.assert_allclose([leg.turn for leg in way.legs], [0, 0, 0], atol=1e-9)
+    assert plan(square, stem, 2).legs[2].turn == pytest.approx(-np.pi / 2)
