@@ -63,14 +63,16 @@ def align_pairs(
     first: np.ndarray,
     second: np.ndarray,
     starts: np.ndarray,
+    weights: np.ndarray,
     config: AlignConfig,
     expected: Expected | None = None,
 ) -> Aligned:
     """Scans `first` `(pairs,)` and `second` of `views` `(scans,)`, aligned from `starts`.
 
-    `starts` `(pairs, S, 3)` are poses `T_first_second` to begin with. A result that is not what
-    was `expected` counts the less, by Cauchy's weight of how far off it is; so does the agreement
-    that is returned. Compiles once for each S and each size of `views`.
+    `starts` `(pairs, S, 3)` are poses `T_first_second` to begin with; the agreement that is reached
+    from each counts `weights` `(S,)`. A result that is not what was `expected` counts the less, by
+    Cauchy's weight of how far off it is; so does the agreement that is returned. Compiles once for
+    each S and each size of `views`.
     """
     if expected is None:
         expected = Expected(np.zeros((len(first), 3)), np.zeros((len(first), 3, 3)))
@@ -86,7 +88,8 @@ def align_pairs(
 
         rows = padded(np.stack([first, second], axis=1), np.int32)
         poses = [padded(array, np.float32) for array in (starts, *expected)]
-        found = _align(views, rows, *poses, np.int32(count), config)
+        weighed = np.asarray(weights, np.float32)
+        found = _align(views, rows, *poses, weighed, np.int32(count), config)
         parts.append([np.asarray(array, float)[:count] for array in jax.device_get(found)])
     if not parts:
         return Aligned(np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0))
@@ -100,6 +103,7 @@ def _align(
     starts: Float[Array, "slots starts 3"],
     T_expected: Float[Array, "slots 3"],
     root: Float[Array, "slots 3 3"],
+    weights: Float[Array, " starts"],
     count: Int[Array, ""],
     config: AlignConfig,
 ) -> tuple[Float[Array, "slots 3"], Float[Array, "slots 3 3"], Float[Array, " slots"]]:
@@ -118,7 +122,7 @@ def _align(
             return T, weight * _share(ahead, config) * _share(back, config)
 
         poses, agreement = jax.vmap(attempt)(starts[index])
-        best = jnp.argmax(agreement)
+        best = jnp.argmax(weights * agreement)
         refined = estimate(first, second, poses[best], config.refine)
         found = refined.T_ref_query, refined.covariance, agreement[best]
         return jax.tree.map(lambda all_, new: all_.at[index].set(new), results, found)

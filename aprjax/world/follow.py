@@ -69,7 +69,7 @@ def follow(
     poses = np.array([T for _, T in chosen])
     starts = turned(poses, NARROW_TURNS)
     second = np.full(len(first), scan)
-    aligned = align_pairs(views, first, second, starts, config.align)
+    aligned = align_pairs(views, first, second, starts, np.ones(3), config.align)
     expectations = np.array(
         [_expected_from(reference, expected, near, places) for reference in first]
     )

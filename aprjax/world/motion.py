@@ -84,7 +84,8 @@ def motion(views: View, odometry: np.ndarray, config: MotionConfig) -> Motion:
     pairs = np.arange(count - 1), np.arange(1, count)
     expected = Expected(steps, of_odometry.root)
     starts = _wide(steps, covariance)
-    aligned = align_pairs(views, *pairs, starts, config.align, expected)
+    alike = np.ones(starts.shape[1])
+    aligned = align_pairs(views, *pairs, starts, alike, config.align, expected)
     measured.append(agreeing(*pairs, aligned, config))
     followed = np.where(
         (aligned.agreement > config.agreement)[:, None], aligned.T_first_second, steps
@@ -106,7 +107,7 @@ def motion(views: View, odometry: np.ndarray, config: MotionConfig) -> Motion:
         done.update(pairs)
         first, second = np.array(pairs).T
         starts = turned(relative(poses[first], poses[second]), NARROW_TURNS)
-        aligned = align_pairs(views, first, second, starts, config.align)
+        aligned = align_pairs(views, first, second, starts, np.ones(3), config.align)
         measured.append(agreeing(first, second, aligned, config))
         poses = smooth(poses, Measurements.join(measured))
     together = Measurements.join(measured)
