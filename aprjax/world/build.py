@@ -36,7 +36,7 @@ from aprjax.world.plane import (
 from aprjax.world.recognition import RecognitionConfig, Sightings, sightings
 from aprjax.world.smoothing import Measurements
 from aprjax.world.super_space import neighbourhood
-from aprjax.world.tidy import drop_shortcuts, merge_close_nodes, steady_frames
+from aprjax.world.tidy import drop_shortcuts, drop_small_cycles, merge_close_nodes, steady_frames
 
 _ABOUT = 0.4  # metres about a scan in which the robot may turn
 
@@ -63,6 +63,9 @@ class MapConfig(eqx.Module):
     one_place: Float[Array, ""] = threshold(1.5, "metres up to which two nodes are made one")
     sure: Float[Array, ""] = threshold(0.4, "metres: deviation of their distance at most")
     detour: Float[Array, ""] = threshold(1.3, "of an arc's length, that makes it superfluous")
+    around: Float[Array, ""] = threshold(
+        12.0, "metres round a cycle below which it encloses nothing"
+    )
     gap: Float[Array, ""] = threshold(1.5, "metres between reference scans")
     turn: Float[Array, ""] = threshold(np.radians(40), "radians between reference scans")
 
@@ -114,6 +117,7 @@ def build_from_scans(
             world.remove_arc(arc.a, arc.b)
     merge_close_nodes(world, float(config.one_place), float(config.sure))
     drop_shortcuts(world, float(config.detour))
+    drop_small_cycles(world, float(config.around))
     world.add_references(
         [scans[scan] for scan in mapper.references],
         [Appearance(world.places[scan], scan) for scan in mapper.references],

@@ -71,3 +71,20 @@ def drop_shortcuts(world: WorldModel, detour: float) -> None:
         ways = [world.arc(arc.a, n).length + world.arc(n, arc.b).length for n in common]
         if ways and min(ways) < detour * arc.length:
             world.remove_arc(arc.a, arc.b)
+
+
+def drop_small_cycles(world: WorldModel, around: float) -> None:
+    """Remove the longest arc of each cycle that is shorter than `around` metres.
+
+    Where a robot passed a crossing in several directions, arcs cut its corners: so small a cycle
+    encloses nothing.
+    """
+    lengths = nx.Graph()
+    lengths.add_weighted_edges_from((arc.a, arc.b, arc.length) for arc in world.arcs())
+    for a, b, length in sorted(lengths.edges(data="weight"), key=lambda edge: -edge[2]):
+        lengths.remove_edge(a, b)
+        back = nx.single_source_dijkstra_path_length(lengths, a, cutoff=around - length)
+        if b in back:
+            world.remove_arc(a, b)
+        else:
+            lengths.add_edge(a, b, weight=length)
