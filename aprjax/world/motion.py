@@ -37,6 +37,9 @@ class MotionConfig(eqx.Module):
     turn_per_turn: Float[Array, ""] = threshold(0.1, "radians that a radian adds")
     agreement: Float[Array, ""] = threshold(0.03, "least agreement of an aligned pair that counts")
     firm: Float[Array, ""] = threshold(0.25, "agreement below which a pair is doubted")
+    loose: Float[Array, ""] = threshold(
+        0.6, "metres: deviation of odometry from which a pair below that does not count at all"
+    )
     floor: Float[Array, ""] = threshold(0.015, "metres: least deviation of an aligned pair")
     turn_floor: Float[Array, ""] = threshold(np.radians(0.25), "radians: the same")
 
@@ -86,10 +89,12 @@ def motion(views: View, odometry: np.ndarray, config: MotionConfig) -> Motion:
     starts = _wide(steps, covariance)
     alike = np.ones(starts.shape[1])
     aligned = align_pairs(views, *pairs, starts, alike, config.align, expected)
-    measured.append(agreeing(*pairs, aligned, config))
-    followed = np.where(
-        (aligned.agreement > config.agreement)[:, None], aligned.T_first_second, steps
-    )
+    # Where odometry leaves the choice of where to look, something alike is found too easily.
+    loose = np.sqrt(2 * covariance[:, 0, 0]) > config.loose
+    good = aligned.agreement > np.where(loose, config.firm, config.agreement)
+    taken = Aligned(*(array[good] for array in aligned))
+    measured.append(agreeing(pairs[0][good], pairs[1][good], taken, config))
+    followed = np.where(good[:, None], aligned.T_first_second, steps)
     poses = [np.zeros(3)]
     for step in followed:
         poses.append(compose(poses[-1], step))
