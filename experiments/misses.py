@@ -1,8 +1,8 @@
 """Where the right answer to a query was lost on its way through the stages of matching."""
 
-import dataclasses
 from enum import IntEnum
 from functools import partial
+from typing import Self
 
 import equinox as eqx
 import jax
@@ -11,16 +11,14 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 import aprjax
-from aprjax.alignment.align import agreement, align
-from aprjax.alignment.rotation import rotation_peaks
+from aprjax.alignment.align import counterparts
+from aprjax.alignment.voting import Votes, vote
 from aprjax.features import Features
 from aprjax.metrics import deviations, is_right, relative
-from aprjax.numerics import wrap
 from aprjax.references import ReferenceIndex
 from aprjax.refine import settle
-from aprjax.relations.histograms import matching_angles
 from aprjax.se2 import Pose
-from aprjax.shortlist import Shortlist, all_alternatives, shortlist
+from aprjax.shortlist import Shortlist, glance_through, look_closer
 
 NEAR_DISTANCE, NEAR_ANGLE = 2.0, np.radians(40)  # of a reference that shows the query's place
 COMMON = 0.15  # metres between anchors that are the same, under the true pose
@@ -31,18 +29,36 @@ class Loss(IntEnum):
 
     NO_COMMON_ANCHORS = 0
     """No reference near by shows two of the query's anchors."""
-    WRONG_ROTATION = 1
-    """Of those that do, none has a peak of its matching angle histogram at the true rotation."""
-    NOT_ALIGNED = 2
-    """The right edges were paired with others, or clustered to a wrong pose."""
-    FIRST_LOOK = 3
-    """The right alternatives did not pass the shortlist's first look."""
-    SECOND_LOOK = 4
-    """Nor, after its brief refinement, the second."""
-    DIVERGED = 5
+    NOT_VOTED = 1
+    """Of the poses that edges voted for, none that was kept is right."""
+    FIRST_LOOK = 2
+    """The right poses did not pass the glance."""
+    SECOND_LOOK = 3
+    """Nor, after their brief refinement, the second look."""
+    DIVERGED = 4
     """Refinement moved all right alternatives away."""
-    RANKED_BELOW = 6
+    RANKED_BELOW = 5
     """A right alternative was evaluated, and a wrong one had a higher e_m."""
+
+
+class Poses(eqx.Module):
+    """What was left of one query after a stage, in all references."""
+
+    T_ref_query: Float[Array, "*batch size 3"]
+    """Metres and radians."""
+    row: Int[Array, "*batch size"]
+    """The reference."""
+    valid: Bool[Array, "*batch size"]
+
+    @classmethod
+    def voted(cls, votes: Votes) -> Self:
+        """Those that edges voted for."""
+        return cls(votes.T_ref_query, votes.row, votes.valid)
+
+    @classmethod
+    def listed(cls, listed: Shortlist) -> Self:
+        """Those of a shortlist."""
+        return cls(listed.alternatives.T_ref_query, listed.row, listed.alternatives.valid)
 
 
 class Stages(eqx.Module):
@@ -50,15 +66,13 @@ class Stages(eqx.Module):
 
     common: Int[Array, "*batch references"]
     """Anchors of the query that the reference shows, under the true pose."""
-    rotated: Bool[Array, "*batch references"]
-    """A peak of the matching angle histogram is at the true rotation."""
-    aligned: Shortlist
-    """The alternatives of all references."""
-    passed: Shortlist
-    """Those that pass the shortlist's first look."""
-    kept: Shortlist
-    """Those that pass the second, as its brief refinement left them."""
-    settled: Shortlist
+    voted: Poses
+    """The poses that edges voted for."""
+    passed: Poses
+    """Those that pass the glance."""
+    kept: Poses
+    """Those that pass the second look, as its brief refinement left them."""
+    settled: Poses
     """The same, refined."""
 
 
@@ -72,15 +86,18 @@ def losses(
     """The `Loss` of each of the stacked queries `(queries,)` that were not answered rightly.
 
     The true poses `(references, 3)` and `(queries, 3)` are in the order of the scans. All
-    references are aligned, whatever the configuration's `top_k`.
+    references are compared, whatever the configuration's `top_k`. Raises `ValueError` for a
+    configuration without the cascade, whose stages these are.
     """
+    config = aprjax.MatchConfig() if config is None else config
+    if not config.cascade:
+        raise ValueError("config: without the cascade there are no votes and no looks")
     described = aprjax.ReferenceSet.build(queries, references.index.config).index.features
     slots = described.view.beams.shape[0]
     T_ref_query = relative(T_world_ref[None], T_world_query[:, None])
     rows = references.index.ids.shape[0]
     missing = [(0, slots - len(queries.ranges)), (0, rows - len(references)), (0, 0)]
     padded = np.pad(T_ref_query, missing).astype(np.float32)
-    config = aprjax.MatchConfig() if config is None else config
     found = jax.device_get(_all_stages(described, references.index, padded, config))
     return np.array(
         [
@@ -100,18 +117,15 @@ def lost(stages: Stages, T_ref_query: np.ndarray) -> Loss:
         (stages.settled, Loss.RANKED_BELOW),
         (stages.kept, Loss.DIVERGED),
         (stages.passed, Loss.SECOND_LOOK),
-        (stages.aligned, Loss.FIRST_LOOK),
+        (stages.voted, Loss.FIRST_LOOK),
     ):
         # Rows past the references are padding, where nothing is valid.
         true = T_ref_query[np.minimum(left.row, len(T_ref_query) - 1)]
-        poses = np.asarray(left.alternatives.T_ref_query)
-        if np.any(left.alternatives.valid & is_right(poses, true)):
+        if np.any(left.valid & is_right(np.asarray(left.T_ref_query), true)):
             return loss
     gap, turn = deviations(T_ref_query, np.zeros(3))
     shows = (gap <= NEAR_DISTANCE) & (turn <= NEAR_ANGLE) & (stages.common[: len(gap)] >= 2)
-    if not shows.any():
-        return Loss.NO_COMMON_ANCHORS
-    return Loss.NOT_ALIGNED if np.any(shows & stages.rotated[: len(gap)]) else Loss.WRONG_ROTATION
+    return Loss.NOT_VOTED if shows.any() else Loss.NO_COMMON_ANCHORS
 
 
 @jax.jit
@@ -122,45 +136,34 @@ def _all_stages(
     config: aprjax.MatchConfig,
 ) -> Stages:
     """One query after the other: what one needs stays in the cache."""
-    relation = references.config.relation
-    angles = matching_angles(queries.histogram, references.features.histogram, relation)
     one = partial(_stages, references=references, config=config)
-    return jax.lax.map(lambda of: one(*of), (queries, angles, T_ref_query))
+    return jax.lax.map(lambda of: one(*of), (queries, T_ref_query))
 
 
 def _stages(
     query: Features,
-    angles: Float[Array, "references direction_bins"],
     T_ref_query: Float[Array, "references 3"],
     references: ReferenceIndex,
     config: aprjax.MatchConfig,
 ) -> Stages:
     """The matcher's stages up to the refinement of what the shortlist keeps."""
-    graphs, views = references.features.graph, references.features.view
-
-    def truth(graph, angles, T_ref_query):
-        same = agreement(graph, query.graph, T_ref_query, jnp.float32(COMMON))
-        peaks = rotation_peaks(angles, config.alignment.rotation)
-        off = jnp.abs(wrap(peaks.angle - T_ref_query[2]))
-        at = (peaks.votes > 0) & (off <= config.alignment.correspondence.angle)
-        return jnp.sum(jnp.any(same, axis=0), dtype=jnp.int32), jnp.any(at)
-
-    common, rotated = jax.vmap(truth)(graphs, angles, T_ref_query)
-    aligned = jax.vmap(align, (0, None, 0, None))(graphs, query.graph, angles, config.alignment)
-    aligned = eqx.tree_at(lambda a: a.valid, aligned, aligned.valid & references.valid[:, None])
-    rows = jnp.arange(references.ids.shape[0])
-    everything = passed = kept = all_alternatives(aligned, rows)
-    if config.cascade:
-        rules = config.shortlist
-        # Where as many are kept as pass, there is no second look.
-        one_look = dataclasses.replace(rules, kept=max(rules.kept, rules.passed))
-        passed = shortlist(aligned, rows, views, query.view, one_look)
-        kept = shortlist(aligned, rows, views, query.view, rules)
+    features = references.features
+    common = jax.vmap(counterparts, (0, None, 0, None))(
+        features.graph, query.graph, T_ref_query, jnp.float32(COMMON)
+    )
+    voted = vote(
+        references.edges,
+        features.histogram.edges,
+        references.valid,
+        query.graph,
+        config.voting,
+    )
+    passed = glance_through(voted, features, query, references.config.raster, config.shortlist)
+    kept = Poses.listed(look_closer(passed, features, query, config.alignment, config.shortlist))
 
     def refined(T_ref_query: Pose, row: Int[Array, ""]) -> Pose:
-        reference = jax.tree.map(lambda array: array[row], views)
+        reference = jax.tree.map(lambda array: array[row], features.view)
         return settle(reference, query.view, T_ref_query, config.refine)
 
-    poses = jax.vmap(refined)(kept.alternatives.T_ref_query, kept.row)
-    settled = eqx.tree_at(lambda each: each.alternatives.T_ref_query, kept, poses)
-    return Stages(common, rotated, everything, passed, kept, settled)
+    settled = Poses(jax.vmap(refined)(kept.T_ref_query, kept.row), kept.row, kept.valid)
+    return Stages(common, Poses.voted(voted), Poses.voted(passed), kept, settled)

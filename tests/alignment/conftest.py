@@ -4,7 +4,7 @@ import jax
 import pytest
 
 from aprjax.alignment.align import AlignmentConfig, align
-from aprjax.relations.histograms import RelationConfig, edge_histogram, matching_angles
+from aprjax.relations.histograms import RelationConfig, direction_spectrum, matching_angles
 
 
 class Alignment:
@@ -18,8 +18,7 @@ class Alignment:
     def _matching_angles(self, reference, query):
         config = RelationConfig()
         queries, references = (
-            jax.tree.map(lambda array: array[None], edge_histogram(graph, config))
-            for graph in (query, reference)
+            direction_spectrum(graph, config)[None] for graph in (query, reference)
         )
         return matching_angles(queries, references, config)[0, 0]
 

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from aprjax.alignment.rotation import RotationConfig, rotation_peaks
-from aprjax.relations.histograms import RelationConfig, edge_histogram, matching_angles
+from aprjax.relations.histograms import RelationConfig, direction_spectrum, matching_angles
 from tests.oracles.alignment import apart
 from tests.relations.graphs import graph, moved, scattered, stacked
 
@@ -15,10 +15,7 @@ peaks_of = jax.jit(rotation_peaks, static_argnums=1)
 @jax.jit
 def histogram_of(query, reference):
     config = RelationConfig()
-    queries, references = (
-        jax.tree.map(lambda array: array[None], edge_histogram(graph, config))
-        for graph in (query, reference)
-    )
+    queries, references = (direction_spectrum(graph, config)[None] for graph in (query, reference))
     return matching_angles(queries, references, config)[0, 0]
 
 

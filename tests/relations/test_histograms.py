@@ -5,6 +5,7 @@ import pytest
 from aprjax.relations.histograms import (
     RelationConfig,
     count_correspondences,
+    direction_spectrum,
     edge_histogram,
     matching_angles,
     preselection_quality,
@@ -26,6 +27,7 @@ CONFIGS = {
 }
 
 histograms = jax.jit(jax.vmap(edge_histogram, in_axes=(0, None)))
+spectra = jax.jit(jax.vmap(direction_spectrum, in_axes=(0, None)))
 counts_of, quality_of = jax.jit(count_correspondences), jax.jit(preselection_quality)
 angles_of = jax.jit(matching_angles)
 
@@ -93,8 +95,9 @@ def test_qualities_equal_the_definition(case):
 
 
 def test_matching_angles_equal_the_loop_over_pairs_of_edges(case, graphs):
-    config, histogram = case
-    found = np.asarray(angles_of(histogram, histogram, config))
+    config, _ = case
+    spectrum = spectra(graphs, config)
+    found = np.asarray(angles_of(spectrum, spectrum, config))
     edges = [bins_of(graphs, k, config) for k in range(len(POINTS))]
     for k in (0, 1, 3, 5, 7):
         for m in (0, 2, 4, 6, 7):
@@ -107,9 +110,9 @@ def test_matching_angles_equal_the_loop_over_pairs_of_edges(case, graphs):
 @pytest.mark.parametrize("name", ["whole bins", "exact bins"])
 def test_matching_angles_sum_to_the_counts(graphs, name):
     config = CONFIGS[name]
-    histogram = histograms(graphs, config)
+    histogram, spectrum = histograms(graphs, config), spectra(graphs, config)
     np.testing.assert_array_equal(
-        np.sum(angles_of(histogram, histogram, config), axis=-1),
+        np.sum(angles_of(spectrum, spectrum, config), axis=-1),
         counts_of(histogram, histogram, config),
     )
 
@@ -127,14 +130,14 @@ def test_graphs_without_edges_have_quality_zero_and_finite_histograms(graphs):
     quality = np.asarray(quality_of(histogram, histogram, config))
     assert not quality[5].any()
     assert not quality[:, 6].any()
-    for leaf in jax.tree.leaves(histogram):
+    for leaf in jax.tree.leaves((histogram, spectra(graphs, config))):
         assert np.isfinite(leaf).all()
 
 
 def test_padding_filled_with_nan_changes_no_histogram():
     config = RelationConfig()
     pair = stacked([graph(POINTS[2]), graph(POINTS[2], fill=np.nan)])
-    for leaf in jax.tree.leaves(histograms(pair, config)):
+    for leaf in jax.tree.leaves((histograms(pair, config), spectra(pair, config))):
         np.testing.assert_array_equal(leaf[0], leaf[1])
 
 
@@ -164,7 +167,7 @@ def test_a_turned_graph_matches_at_its_rotation(graphs, bins):
     config = RelationConfig()
     turned = [graph(moved((1.0, -2.0, -bins * np.pi / 60), POINTS[1]))] * 8
     found = np.asarray(
-        angles_of(histograms(stacked(turned), config), histograms(graphs, config), config)
+        angles_of(spectra(stacked(turned), config), spectra(graphs, config), config)
     )[0, 1]
     width = found[np.arange(bins - 1, bins + 2) % 60]
     assert width.sum() >= 66  # every edge with itself

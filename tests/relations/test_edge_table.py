@@ -1,0 +1,94 @@
+import jax
+import numpy as np
+import pytest
+
+from aprjax.relations.edge_table import SLICE, EdgeTable
+from aprjax.relations.index_table import IndexTable
+from tests.relations.graphs import graph, scattered, stacked
+
+COUNTS = [16, 0, 9, 3, 1, 2, 16, 0]
+POINTS = [scattered(40 + k, count) for k, count in enumerate(COUNTS)]
+EDGES = [count * (count - 1) // 2 for count in COUNTS]
+window = jax.jit(EdgeTable.window)
+
+
+@pytest.fixture(scope="module")
+def graphs():
+    return stacked([jax.device_get(graph(xy)) for xy in POINTS])
+
+
+@pytest.fixture(scope="module")
+def table(graphs):
+    return EdgeTable.build(graphs)
+
+
+@pytest.fixture(scope="module")
+def definition(graphs):
+    return IndexTable.build(graphs.length, graphs.valid)
+
+
+def test_edges_come_in_the_order_of_the_index_table(table, definition):
+    count = sum(EDGES)
+    np.testing.assert_array_equal(table.length[:count], definition.length)
+    np.testing.assert_array_equal(table.row[:count], definition.reference)
+
+
+def test_each_edge_has_its_middle_and_its_direction_in_half_a_turn(table, definition, graphs):
+    for k, (row, (a, b)) in enumerate(zip(definition.reference, definition.ends, strict=True)):
+        p, q = np.float64(graphs.xy[row, [a, b]])
+        np.testing.assert_allclose((table.x[k], table.y[k]), (p + q) / 2, atol=1e-5)
+        direction = np.arctan2(*(q - p)[::-1]) % np.pi
+        np.testing.assert_allclose(table.direction[k], direction, atol=1e-5)
+        unit = np.cos(direction), np.sin(direction)
+        np.testing.assert_allclose((table.cos[k], table.sin[k]), unit, atol=1e-5)
+
+
+@pytest.mark.parametrize("tolerance", [0.0, 0.09, 0.5])
+def test_windows_are_those_of_the_index_table(table, definition, tolerance):
+    lengths = np.float32([0, 3, definition.length[5], definition.length[-1], 99, 1e30])
+    begin, end = window(table, lengths, np.float32(tolerance))
+    for length, first, last in zip(lengths, begin, end, strict=True):
+        # The bounds in float32, as on the device.
+        low, high = length - np.float32(tolerance), length + np.float32(tolerance)
+        wanted = np.flatnonzero((definition.length >= low) & (definition.length <= high))
+        np.testing.assert_array_equal(np.arange(first, last), wanted)
+        near = definition.near(length, tolerance)
+        assert len(set(near.tolist()) ^ set(wanted.tolist())) <= (tolerance > 0) * 2
+
+
+def test_padding_is_infinitely_long_and_in_no_window(table):
+    count = sum(EDGES)
+    assert np.isposinf(table.length[count:]).all()
+    for leaf in jax.tree.leaves(table):
+        assert leaf.shape == (len(COUNTS) * 120 + SLICE,)
+    for leaf in (table.x, table.y, table.cos, table.sin, table.direction):
+        assert np.isfinite(leaf).all()
+    _, end = window(table, np.float32([1e6]), np.float32(1e9))
+    assert end[0] == count
+
+
+def test_slices_may_begin_at_the_last_edge(table):
+    start = sum(EDGES) - 1
+    part = jax.jit(EdgeTable.slice)(table, np.int32(start))
+    assert part.length.shape == (SLICE,)
+    np.testing.assert_array_equal(part.length, table.length[start : start + SLICE])
+
+
+def test_references_without_edges_have_no_row_in_the_table(table):
+    held = np.bincount(np.asarray(table.row)[: sum(EDGES)], minlength=len(COUNTS))
+    assert held.tolist() == EDGES
+
+
+def test_graphs_without_any_edge_make_a_table_of_padding():
+    nothing = EdgeTable.build(stacked([jax.device_get(graph(np.zeros((0, 2))))] * 8))
+    assert np.isposinf(nothing.length).all()
+    begin, end = window(nothing, np.float32([0, 3]), np.float32(0.5))
+    assert (begin == end).all()
+
+
+def test_padding_of_the_anchors_filled_with_nan_changes_nothing(graphs, table):
+    other = stacked([jax.device_get(graph(xy, fill=np.nan)) for xy in POINTS])
+    for ours, theirs in zip(
+        jax.tree.leaves(table), jax.tree.leaves(EdgeTable.build(other)), strict=True
+    ):
+        np.testing.assert_array_equal(ours, theirs)
