@@ -83,7 +83,7 @@ def test_every_cell_is_drawn_as_one_by_one(pairs, slowly):
             wanted[cell] = 1 if says == "agrees" else 2
         got = np.where(drawn.cells[index] > 1, 2, drawn.cells[index])
         assert (wanted == 1).sum() > 10
-        assert (wanted == 2).sum() > 20
+        assert (wanted == 2).sum() > 10
         # The middle of a cell may lie at a threshold, or between two beams.
         assert (got != wanted).sum() <= 3
 

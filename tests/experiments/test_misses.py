@@ -52,7 +52,7 @@ def test_without_the_cascade_its_stages_are_refused(scene):
 
 def test_no_anchor_is_common_with_a_place_that_the_query_was_not_taken_at(scene):
     queries, references = scene
-    elsewhere = QUERIES + np.array([0.8, 0.6, 0.5])
+    elsewhere = QUERIES + np.array([0.2, -1.0, 0.6])
     found = losses(queries, references, PLACES, elsewhere, SMALL)
     assert found.tolist() == [Loss.NO_COMMON_ANCHORS] * 2
 
