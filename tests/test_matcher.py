@@ -365,7 +365,7 @@ def test_removed_references_are_never_returned_and_added_ones_are(scene, result)
     found = to_numpy(match_batch(scene.queries, again))
     back = np.where(result.reference == 1, REFERENCES, result.reference)
     expected = eqx.tree_at(lambda r: r.reference, result, back)
-    assert_same_best(found, expected, result.reference[:, 0] != 6, pose=1e-4, quality=0.15)
+    assert_same_best(found, expected, result.reference[:, 0] != 6, pose=1e-3, quality=0.15)
 
 
 # Outcomes
@@ -475,8 +475,8 @@ def test_without_the_cascade_its_hypotheses_are_found_too(scene, result):
     np.testing.assert_array_equal(found.counts.evaluated, found.counts.alternatives)
     kept = np.minimum(result.counts.alternatives, MatchConfig().shortlist.kept)
     np.testing.assert_array_equal(result.counts.evaluated, kept)
-    # Where it finds one more rival, the answer is a little less certain.
-    np.testing.assert_allclose(found.quality[:, 0], result.quality[:, 0], atol=0.03)
+    # Votes and the paper's alignment come to different rivals, which make an answer less certain.
+    np.testing.assert_allclose(found.quality[:, 0], result.quality[:, 0], atol=0.05)
     for index in range(QUERIES):
         full, best = row(found, index), row(result, index)
         near = [oracle.error(T, best.T_ref_query[0])[0] < 0.01 for T in full.T_ref_query]
