@@ -185,15 +185,14 @@ def match_batch(
 
 
 def _excluded(exclude: np.ndarray | None, queries: int) -> np.ndarray:
-    """Checked ids `(queries, any)`, at least one column of them."""
-    if exclude is None:
-        return np.full((queries, 1), -1, np.int32)
-    ids = np.asarray(exclude)
+    """Checked ids `(queries, bucket)`, -1 where there is none."""
+    ids = np.full((queries, 0), -1) if exclude is None else np.asarray(exclude)
     if ids.ndim != 2 or len(ids) != queries:
         raise ValueError(f"exclude: shape {ids.shape} is not ({queries}, any)")
     if ids.size and not np.issubdtype(ids.dtype, np.integer):
         raise ValueError(f"exclude: {ids.dtype} is no type of ids")
-    return np.pad(ids.astype(np.int32), [(0, 0), (0, int(ids.shape[1] == 0))], constant_values=-1)
+    missing = bucket(ids.shape[1]) - ids.shape[1]
+    return np.pad(ids.astype(np.int32), [(0, 0), (0, missing)], constant_values=-1)
 
 
 @partial(jax.jit, static_argnames=("chunk", "together"))

@@ -7,14 +7,15 @@ brief refinement of those that pass lets the second look closer.
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.alignment.align import AlignmentConfig, Alternatives, counterparts
 from aprjax.alignment.voting import Votes
-from aprjax.configuration import capacity
+from aprjax.configuration import capacity, threshold
 from aprjax.evaluation.raster import GlanceConfig, RasterConfig, glance
 from aprjax.evaluation.screen import ScreenConfig, screen, sketch
 from aprjax.features import Features
+from aprjax.numerics import square_gaps
 from aprjax.refine import RefineConfig, settle
 from aprjax.se2 import Pose
 
@@ -25,6 +26,8 @@ class ShortlistConfig(eqx.Module):
     glance: GlanceConfig = GlanceConfig()
     settle: RefineConfig = RefineConfig(points=48, iterations=3)
     closer: ScreenConfig = ScreenConfig()
+    distance: Float[Array, ""] = threshold(0.1, "metres up to which two poses are one")
+    angle: Float[Array, ""] = threshold(0.05, "radians, likewise")
     passed: int = capacity(192, "alternatives that pass the glance, over all references")
     kept: int = capacity(24, "alternatives that pass the second look")
 
@@ -109,7 +112,8 @@ def look_closer(
 ) -> Shortlist:
     """The `kept` alternatives that look best after a brief refinement.
 
-    They are valid if as many anchors agree as an alignment needs.
+    They are valid if as many anchors agree as an alignment needs, and none that looks better is
+    the same: cells of both grids, and neighbours, vote for one pose, and settle to one.
     """
 
     def refined(T_ref_query: Pose, row: Int[Array, ""]) -> tuple[Pose, Int[Array, ""]]:
@@ -129,4 +133,23 @@ def look_closer(
         anchors,
         config.closer,
     )
+    again = _repeated(T_ref_query, passed.row, jnp.where(alternatives.valid, score, -1.0), config)
+    alternatives = eqx.tree_at(lambda a: a.valid, alternatives, alternatives.valid & ~again)
     return Shortlist(alternatives, passed.row).best(score, config.kept)
+
+
+def _repeated(
+    T_ref_query: Float[Array, "size 3"],
+    row: Int[Array, " size"],
+    score: Float[Array, " size"],
+    config: ShortlistConfig,
+) -> Bool[Array, " size"]:
+    """Whether one of a higher score, or of the same and before it, has about the same pose."""
+    cos, sin = jnp.cos(T_ref_query[:, 2]), jnp.sin(T_ref_query[:, 2])
+    # The cosine of the angle between two rotations, which needs no wrapping.
+    parallel = cos[:, None] * cos[None, :] + sin[:, None] * sin[None, :] >= jnp.cos(config.angle)
+    near = square_gaps(T_ref_query, T_ref_query) <= config.distance**2
+    place = jnp.arange(score.shape[0])
+    before = (score[None, :] == score[:, None]) & (place[None, :] < place[:, None])
+    better = (score[None, :] > score[:, None]) | before
+    return jnp.any(near & parallel & better & (row[:, None] == row[None, :]), axis=1)

@@ -90,13 +90,19 @@ def vote(
     """The best rated poses of one query in the `allowed` references; `k_m` counts their edges.
 
     A reference's cells are divided at random into `places` parts, and of each part the best
-    `poses` of all references are kept: next to the best of all, at a fraction of the time.
+    `poses` of all references are kept: next to the best of all, at a fraction of the time. Raises
+    `ValueError` for more pairs of edges than 32 bits can number (some 70 000 references).
     """
     rows, grids = k_m.shape[0], range(config.grids)
     centre = _centre(query)
     edges = _edges(query, centre)
     begin, end = table.window(edges.length, config.length)
     slots = table.length.shape[0]
+    if 2 * edges.length.shape[0] * slots > np.iinfo(np.int32).max:
+        raise ValueError(
+            f"references: {rows} of them with {edges.length.shape[0]} edges each are more than 32 "
+            "bits number; match them in several sets, or with fewer anchors"
+        )
 
     def count(k: Int[Array, ""], start: Int[Array, ""], boards: tuple[Array, Array]):
         """The votes of the query's edge k and one slice of the table."""

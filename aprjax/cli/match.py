@@ -176,12 +176,12 @@ def _kept_pieces(
     """
     if out == "-" or (Path(out).exists() and not Path(out).is_file()):
         with tempfile.TemporaryDirectory() as folder:
-            yield Pieces.open(Path(folder), "")
+            yield Pieces(Path(folder), "")
         return
     run = fingerprint(
         queries, references.scans, references.ids, references.index.config, config, exclude
     )
-    pieces = Pieces.open(Path(out).with_name(f"{Path(out).name}.pieces"), run)
+    pieces = Pieces(Path(out).with_name(f"{Path(out).name}.pieces"), run)
     yield pieces
     pieces.discard()
 

@@ -7,7 +7,6 @@ run, told by its fingerprint: pieces of another are thrown away, not mixed in.
 import hashlib
 import shutil
 from pathlib import Path
-from typing import Self
 
 import jax
 import numpy as np
@@ -35,16 +34,8 @@ class Pieces:
     """The finished pieces of one run in a folder of their own."""
 
     def __init__(self, folder: Path, run: str) -> None:
+        """Those of the run with this `fingerprint`, of which there may be none."""
         self._folder, self._run = folder, run
-
-    @classmethod
-    def open(cls, folder: Path, run: str) -> Self:
-        """The pieces of the run with this `fingerprint`, of which there may be none.
-
-        Raises `OSError` where the folder cannot be made.
-        """
-        folder.mkdir(exist_ok=True)
-        return cls(folder, run)
 
     def load(self, name: str) -> dict[str, np.ndarray] | None:
         """The columns of a finished piece; None if it is not there, damaged, or of another run."""
@@ -60,6 +51,7 @@ class Pieces:
 
     def store(self, name: str, columns: dict[str, np.ndarray]) -> None:
         """Keep a piece under a name of its own. Raises `OSError`."""
+        self._folder.mkdir(exist_ok=True)
         with atomic_write(self._folder / f"{name}.npz", "wb") as file:
             np.savez(
                 file,

@@ -142,7 +142,7 @@ def test_saved_references_give_the_same_table(logs, table, tmp_path, command):
 def test_options_arrive_in_the_configuration(logs, command, monkeypatch):
     seen, real = [], aprjax.matcher.match_batch
 
-    def spy(scans, references, config):
+    def spy(scans, references, config, **_):
         seen.append((config, references.index.config))
         return real(scans, references)
 
@@ -204,7 +204,7 @@ def test_bad_data_is_one_line(logs, tmp_path, command, monkeypatch, wrong, place
 
 
 def forbid_matching(monkeypatch):
-    def never(*arguments):
+    def never(*arguments, **options):
         raise AssertionError("the long computation was started")
 
     monkeypatch.setattr(cli_match, "match_batch", never)
@@ -242,7 +242,7 @@ def test_a_full_disk_is_one_line(logs, command):
 
 
 def test_interruption_is_one_line(logs, tmp_path, command, monkeypatch):
-    def interrupt(*arguments):
+    def interrupt(*arguments, **options):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(cli_match, "match_batch", interrupt)
@@ -284,7 +284,7 @@ def test_help(command, words):
 def test_the_progress_of_a_terminal_ends_its_line_before_an_error(
     logs, command, capsys, monkeypatch
 ):
-    def interrupt(*arguments):
+    def interrupt(*arguments, **options):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(cli_match, "match_batch", interrupt)

@@ -12,8 +12,8 @@ def folder(tmp_path):
 
 
 def test_a_piece_comes_back_as_it_was_stored(folder):
-    Pieces.open(folder, "a").store("0-3", COLUMNS)
-    found = Pieces.open(folder, "a").load("0-3")
+    Pieces(folder, "a").store("0-3", COLUMNS)
+    found = Pieces(folder, "a").load("0-3")
     assert found is not None
     assert found.keys() == COLUMNS.keys()
     for name, values in COLUMNS.items():
@@ -21,12 +21,12 @@ def test_a_piece_comes_back_as_it_was_stored(folder):
 
 
 def test_pieces_of_another_run_are_not_used(folder):
-    Pieces.open(folder, "a").store("0-3", COLUMNS)
-    assert Pieces.open(folder, "b").load("0-3") is None
+    Pieces(folder, "a").store("0-3", COLUMNS)
+    assert Pieces(folder, "b").load("0-3") is None
 
 
 def test_a_piece_that_is_missing_or_damaged_is_none(folder):
-    pieces = Pieces.open(folder, "a")
+    pieces = Pieces(folder, "a")
     assert pieces.load("0-3") is None
     pieces.store("0-3", COLUMNS)
     path = folder / "0-3.npz"
@@ -35,7 +35,7 @@ def test_a_piece_that_is_missing_or_damaged_is_none(folder):
 
 
 def test_nothing_is_left_of_pieces_that_are_discarded(folder):
-    pieces = Pieces.open(folder, "a")
+    pieces = Pieces(folder, "a")
     pieces.store("0-3", COLUMNS)
     pieces.discard()
     assert not folder.exists()
