@@ -61,7 +61,7 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
         type=_top_k,
         default=None,
         metavar="N|all",
-        help="references to align, those of the highest preselection value (default: all)",
+        help="references to compare, those of the highest preselection value (default: all)",
     )
     parser.add_argument(
         "--hypotheses", type=_count, default=5, metavar="K", help="most of a query (default: 5)"
@@ -76,7 +76,7 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
     parser.add_argument(
         "--no-cascade",
         action="store_true",
-        help="give every alignment the full evaluation, not only those that pass a quick check",
+        help="go the paper's way: align all references, and evaluate every alignment in full",
     )
     parser.add_argument(
         "--exclude-self",

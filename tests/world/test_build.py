@@ -9,20 +9,8 @@ from aprjax.world.build import build_map
 from aprjax.world.parts import Place
 from aprjax.world.plane import distance, relative
 from aprjax.world.super_space import between, cycles, neighbourhood
+from experiments.office import contracted
 from tests.world.rings import LAP, drive
-
-
-def contracted(graph: nx.Graph) -> nx.MultiGraph:
-    """The graph without its nodes of degree two, and without its dead ends."""
-    left = nx.MultiGraph(graph)
-    while ends := [node for node, degree in left.degree() if degree == 1]:
-        left.remove_nodes_from(ends)
-    for node in list(left):
-        if left.degree(node) == 2 and not left.has_edge(node, node):
-            a, b = (other for _, other in left.edges(node))
-            left.remove_node(node)
-            left.add_edge(a, b)
-    return left
 
 
 def test_a_ring_driven_once_and_a_half_is_one_cycle(built):
