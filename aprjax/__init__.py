@@ -1,5 +1,7 @@
 """Global self-localization with a 2D laser scanner: APR scan matching in JAX."""
 
+from aprjax.batch import match as match
+from aprjax.batch import match_batch as match_batch
 from aprjax.compilation import cache_compilations as cache_compilations
 from aprjax.compilation import warm_up as warm_up
 from aprjax.features import FeatureConfig as FeatureConfig
@@ -21,8 +23,6 @@ from aprjax.io.reference_file import load_references as load_references
 from aprjax.io.reference_file import save_references as save_references
 from aprjax.matcher import MatchConfig as MatchConfig
 from aprjax.matcher import MatchResult as MatchResult
-from aprjax.matcher import match as match
-from aprjax.matcher import match_batch as match_batch
 from aprjax.references import ReferenceSet as ReferenceSet
 from aprjax.scan import Scan as Scan
 from aprjax.status import Status as Status

@@ -9,7 +9,8 @@ import jax
 import numpy as np
 from jax.experimental.compilation_cache import compilation_cache
 
-from aprjax.matcher import MatchConfig, match_batch
+from aprjax.batch import match_batch
+from aprjax.matcher import MatchConfig
 from aprjax.references import ReferenceSet
 from aprjax.scan import Scan
 

@@ -1,17 +1,13 @@
 """APR scan matching: section 2 of the paper, from a scan to weighted global alignments."""
 
-import os
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from aprjax.alignment.align import AlignmentConfig, Alternatives, align, counterparts
+from aprjax.alignment.align import AlignmentConfig, align, counterparts
 from aprjax.alignment.voting import VotingConfig, vote
 from aprjax.configuration import capacity, threshold
 from aprjax.evaluation.congruence import CongruenceConfig, congruence, quality, sees
@@ -23,8 +19,7 @@ from aprjax.evaluation.distinctiveness import (
 )
 from aprjax.evaluation.probability import ProbabilityConfig, probability
 from aprjax.features import Features, describe
-from aprjax.numerics import bucket
-from aprjax.references import ReferenceIndex, ReferenceSet
+from aprjax.references import ReferenceIndex
 from aprjax.refine import RefineConfig, Refined, estimate, settle
 from aprjax.relations.histograms import (
     direction_spectrum,
@@ -112,217 +107,77 @@ class MatchResult(eqx.Module):
     """A `Status`."""
 
 
-def match(
-    scan: Scan,
-    references: ReferenceSet,
-    config: MatchConfig | None = None,
-    *,
-    exclude: Sequence[int] | np.ndarray = (),
-) -> MatchResult:
-    """Where one scan was taken, with respect to every reference whose id is not in `exclude`.
+class Evaluated(eqx.Module):
+    """The shortlisted alternatives of a query, refined and compared by synthetic scans."""
 
-    `match_batch` without the leading axis.
-    """
-    result = match_batch([scan], references, config, exclude=np.asarray([exclude], np.int32))
-    return jax.tree.map(lambda array: array[0], result)
+    T_ref_query: Float[Array, "kept 3"]
+    row: Int[Array, " kept"]
+    e_m: Float[Array, " kept"]
+    """0 for those that are not valid."""
+    anchors: Int[Array, " kept"]
+    """Anchors that agree."""
+    beams: Float[Array, " kept"]
+    """Beams that agree, of both scans."""
 
 
-def match_batch(
-    scans: Sequence[Scan] | Scan,
-    references: ReferenceSet,
-    config: MatchConfig | None = None,
-    *,
-    exclude: np.ndarray | None = None,
-) -> MatchResult:
-    """Where each scan was taken, with respect to every reference, in one jitted call.
+class Ranked(eqx.Module):
+    """The K best of the evaluated alternatives."""
 
-    On a CPU, a batch of several chunks is shared among its cores, one such call for each.
-    `scans` is a list of scans or a stacked `Scan`; the result has a leading axis of that length
-    and lies on the host. `exclude` `(queries, any)` are ids of references that must not answer a
-    query, as the scans taken just before it in a search for closed loops; -1 stands for none. The
-    call compiles once for each bucket of beams, of references and
-    of queries (see `numerics.bucket`), whatever the thresholds. Raises `ValueError` for an empty
-    list and for no references; a scan in which nothing can be found is no error but a status.
-    """
-    config = MatchConfig() if config is None else config
-    if len(references) == 0:
-        raise ValueError("references: the set is empty")
-    batch = scans if isinstance(scans, Scan) else Scan.stack(scans)
-    if batch.ranges.ndim != 2 or batch.ranges.shape[0] == 0:
-        raise ValueError(f"scans: ranges of shape {batch.ranges.shape} are not (queries, beams)")
-    queries = batch.ranges.shape[0]
-    excluded = _excluded(exclude, queries)
-    on_cpu = jax.default_backend() == "cpu"
-    cores = (os.cpu_count() or 1) if on_cpu else 1
-    workers = min(cores, max(queries // config.chunk, 1))
-    part = -(-queries // workers)
-    chunk = min(config.chunk, 1 << (part - 1).bit_length())
-    slots = -(-bucket(part, smallest=1) // chunk) * chunk
-
-    def work(start: int) -> MatchResult:
-        here = jax.tree.map(lambda array: np.asarray(array)[start : start + part], batch)
-        count = here.ranges.shape[0]
-        ids = np.pad(excluded[start : start + part], [(0, slots - count), (0, 0)])
-        return _match_chunks(
-            here.pad_batch(slots),
-            ids,
-            np.int32(count),
-            references.index,
-            config,
-            chunk,
-            together=not on_cpu,
-        )
-
-    # XLA runs the calls of one thread one after another, those of several at the same time. The
-    # first one compiles for all.
-    first = work(0)
-    with ThreadPoolExecutor(workers) as pool:
-        others = pool.map(lambda start: jax.device_get(work(start)), range(part, queries, part))
-        results = [jax.device_get(first), *others]
-    return jax.tree.map(
-        lambda *parts: np.concatenate([array[:part] for array in parts])[:queries], *results
-    )
+    best: Int[Array, " K"]
+    """Their indices."""
+    quality: Float[Array, " K"]
+    rival: Bool[Array, ""]
+    """Whether another place explains the scan about as well as the best."""
 
 
-def _excluded(exclude: np.ndarray | None, queries: int) -> np.ndarray:
-    """Checked ids `(queries, bucket)`, -1 where there is none."""
-    ids = np.full((queries, 0), -1) if exclude is None else np.asarray(exclude)
-    if ids.ndim != 2 or len(ids) != queries:
-        raise ValueError(f"exclude: shape {ids.shape} is not ({queries}, any)")
-    if ids.size and not np.issubdtype(ids.dtype, np.integer):
-        raise ValueError(f"exclude: {ids.dtype} is no type of ids")
-    missing = bucket(ids.shape[1]) - ids.shape[1]
-    return np.pad(ids.astype(np.int32), [(0, 0), (0, missing)], constant_values=-1)
-
-
-@partial(jax.jit, static_argnames=("chunk", "together"))
-def _match_chunks(
-    scans: Scan,
-    excluded: Int[Array, "slots any"],
-    queries: Int[Array, ""],
-    references: ReferenceIndex,
-    config: MatchConfig,
-    chunk: int,
-    together: bool,
-) -> MatchResult:
-    """`chunk` queries at a time, so that memory does not grow with the batch.
-
-    Those of one chunk are aligned and evaluated `together`, or one after the other: on a CPU
-    what one query needs then stays in the cache. The number of rounds is traced: padding up to
-    the bucket costs no time.
-    """
-
-    def of_chunk(index: int | Array) -> MatchResult:
-        here, ids = jax.tree.map(
-            lambda a: jax.lax.dynamic_slice_in_dim(a, index * chunk, chunk), (scans, excluded)
-        )
-        return _match_chunk(here, ids, references, config, together)
-
-    def work(index: Array, results: MatchResult) -> MatchResult:
-        return jax.tree.map(
-            lambda all_, new: jax.lax.dynamic_update_slice_in_dim(all_, new, index * chunk, 0),
-            results,
-            of_chunk(index),
-        )
-
-    shapes = jax.eval_shape(of_chunk, 0)
-    slots = scans.ranges.shape[0]
-    empty = jax.tree.map(lambda leaf: jnp.zeros((slots, *leaf.shape[1:]), leaf.dtype), shapes)
-    return jax.lax.fori_loop(0, (queries + chunk - 1) // chunk, work, empty)
-
-
-def _match_chunk(
+def match_together(
     scans: Scan,
     excluded: Int[Array, "chunk any"],
     references: ReferenceIndex,
     config: MatchConfig,
     together: bool,
 ) -> MatchResult:
-    """Section 2 of the paper for a few queries at once."""
+    """Section 2 of the paper for a few queries at once.
+
+    `excluded` are ids of references that must not answer. Queries are aligned and evaluated
+    `together`, or one after the other: on a CPU what one query needs then stays in the cache.
+    """
     queries = jax.vmap(describe, (0, None))(scans, references.config)
     relation = references.config.relation
     q_m = preselection_quality(queries.histogram, references.features.histogram, relation)
 
     def one(of: tuple[Features, Array, Array]) -> MatchResult:
-        return _match_one(*of, references, config)
+        return match_one(*of, references, config)
 
     each = jax.vmap(one) if together else partial(jax.lax.map, one)
     return each((queries, q_m, excluded))
 
 
-def _match_one(
+def match_one(
     query: Features,
     q_m: Float[Array, " rows"],
     excluded: Int[Array, " any"],
     references: ReferenceIndex,
     config: MatchConfig,
 ) -> MatchResult:
-    """Candidates, their alignments, the looks, refinement and evaluation, for one query."""
-    views = references.features.view
+    """One query, in the order of section 2: alignments, their evaluation, the best of them."""
     answering = references.valid & ~jnp.any(references.ids[:, None] == excluded[None, :], axis=1)
     allowed = _preselected(q_m, answering, config)
-    found, listed = (_cascade if config.cascade else _exhaustive)(
-        query, allowed, references, config
-    )
-    kept, row = listed.alternatives, listed.row
-
-    def evaluate(alternative: Alternatives, row: Int[Array, ""]):
-        reference = jax.tree.map(lambda array: array[row], references.features)
-        T_ref_query = settle(reference.view, query.view, alternative.T_ref_query, config.refine)
-        ahead = congruence(reference.view, query.view, inverse(T_ref_query), config.congruence)
-        back = congruence(query.view, reference.view, T_ref_query, config.congruence)
-        anchors = counterparts(
-            reference.graph, query.graph, T_ref_query, config.alignment.agreement
-        )
-        e_m = quality(
-            ahead,
-            back,
-            sees(reference.view, T_ref_query[:2]),
-            sees(query.view, inverse(T_ref_query)[:2]),
-            anchors,
-            config.congruence.quality,
-        )
-        return T_ref_query, e_m, anchors, ahead.agree + back.agree
-
-    T_ref_query, e_m, anchors, beams = jax.vmap(evaluate)(kept, row)
-    e_m = jnp.where(kept.valid, e_m, 0.0)
-    best, qualities, rival = _ranked(T_ref_query, row, e_m, references, config)
-    valid = (qualities >= config.min_quality) & (qualities > 0)
-
-    def final(T_ref_query: Pose, row: Int[Array, ""]) -> Refined:
-        reference = jax.tree.map(lambda array: array[row], views)
-        return estimate(reference, query.view, T_ref_query, config.refine)
-
-    def known(array):
-        mask = valid.reshape(valid.shape + (1,) * (array.ndim - 1))
-        return jnp.where(mask, array, jnp.zeros_like(array))
-
-    estimated = jax.vmap(final)(T_ref_query[best], row[best])
-
+    candidates = cascade if config.cascade else exhaustive
+    found, listed = candidates(query, allowed, references, config)
+    evaluated = evaluate(query, listed, references.features, config)
+    ranked = rank(evaluated, references, config)
     counts = Counts(
         anchors=jnp.sum(query.anchors.valid, dtype=jnp.int32),
         overflow=query.anchors.overflow,
         aligned=jnp.sum(found > 0, dtype=jnp.int32),
         alternatives=jnp.sum(found, dtype=jnp.int32),
-        evaluated=jnp.sum(kept.valid, dtype=jnp.int32),
+        evaluated=jnp.sum(listed.alternatives.valid, dtype=jnp.int32),
     )
-    return MatchResult(
-        reference=jnp.where(valid, references.ids[row[best]], -1),
-        T_ref_query=known(estimated.T_ref_query),
-        covariance=known(estimated.covariance),
-        quality=jnp.where(valid, qualities, 0.0),
-        probability=jnp.where(valid, probability(qualities, config.probability), 0.0),
-        preselection=known(q_m[row][best]),
-        agreeing_anchors=known(anchors[best]),
-        agreeing_beams=known(beams[best].astype(jnp.int32)),
-        valid=valid,
-        confident=valid[0] & ~rival & (qualities[0] >= config.confident),
-        counts=counts,
-        status=_status(counts, valid[0], rival),
-    )
+    return answer(query, q_m, evaluated, ranked, counts, references, config)
 
 
-def _cascade(
+def cascade(
     query: Features,
     allowed: Bool[Array, " rows"],
     references: ReferenceIndex,
@@ -348,7 +203,7 @@ def _cascade(
     return found, listed
 
 
-def _exhaustive(
+def exhaustive(
     query: Features,
     allowed: Bool[Array, " rows"],
     references: ReferenceIndex,
@@ -375,18 +230,43 @@ def _preselected(
     return answering & jnp.zeros(q_m.shape[0], bool).at[rows].set(True)
 
 
-def _ranked(
-    T_ref_query: Pose,
-    row: Int[Array, " kept"],
-    e_m: Float[Array, " kept"],
-    references: ReferenceIndex,
-    config: MatchConfig,
-) -> tuple[Int[Array, " K"], Float[Array, " K"], Bool[Array, ""]]:
+def evaluate(
+    query: Features, listed: Shortlist, references: Features, config: MatchConfig
+) -> Evaluated:
+    """Each alternative refined, then compared by synthetic scans in both directions (2.D)."""
+
+    def one(T_ref_query: Pose, row: Int[Array, ""]):
+        reference = jax.tree.map(lambda array: array[row], references)
+        T_ref_query = settle(reference.view, query.view, T_ref_query, config.refine)
+        T_query_ref = inverse(T_ref_query)
+        ahead = congruence(reference.view, query.view, T_query_ref, config.congruence)
+        back = congruence(query.view, reference.view, T_ref_query, config.congruence)
+        anchors = counterparts(
+            reference.graph, query.graph, T_ref_query, config.alignment.agreement
+        )
+        e_m = quality(
+            ahead,
+            back,
+            sees(reference.view, T_ref_query[:2]),
+            sees(query.view, T_query_ref[:2]),
+            anchors,
+            config.congruence.quality,
+        )
+        return T_ref_query, e_m, anchors, ahead.agree + back.agree
+
+    kept = listed.alternatives
+    T_ref_query, e_m, anchors, beams = jax.vmap(one)(kept.T_ref_query, listed.row)
+    e_m = jnp.where(kept.valid, e_m, 0.0)
+    return Evaluated(T_ref_query, listed.row, e_m, anchors, beams)
+
+
+def rank(evaluated: Evaluated, references: ReferenceIndex, config: MatchConfig) -> Ranked:
     """The K best alternatives, their qualities, and whether the best one has an equal rival.
 
     Alternatives of one reference that refinement brought to the same pose are one hypothesis.
     """
     rules = config.distinctiveness
+    T_ref_query, row = evaluated.T_ref_query, evaluated.row
 
     def choose(left, _):
         best = jnp.argmax(left)
@@ -394,7 +274,7 @@ def _ranked(
         return jnp.where(same, 0.0, left).at[best].set(0.0), (best, left[best])
 
     size = max(rules.rivals, config.hypotheses)
-    _, (best, e_m) = jax.lax.scan(choose, e_m, length=size)
+    _, (best, e_m) = jax.lax.scan(choose, evaluated.e_m, length=size)
     excluding = jax.vmap(rivalry, (None, 0, None, 0, None, None, None, None))(
         row[best[0]],
         row[best],
@@ -407,7 +287,47 @@ def _ranked(
     )
     quality, strongest = distinct_quality(e_m, excluding, rules)
     _, order = jax.lax.top_k(quality, config.hypotheses)
-    return best[order], quality[order], (strongest > 0) & (strongest >= rules.equal * e_m[0])
+    rival = (strongest > 0) & (strongest >= rules.equal * e_m[0])
+    return Ranked(best[order], quality[order], rival)
+
+
+def answer(
+    query: Features,
+    q_m: Float[Array, " rows"],
+    evaluated: Evaluated,
+    ranked: Ranked,
+    counts: Counts,
+    references: ReferenceIndex,
+    config: MatchConfig,
+) -> MatchResult:
+    """The hypotheses that reach `min_quality`, with their final poses and covariances."""
+    best, qualities = ranked.best, ranked.quality
+    valid = (qualities >= config.min_quality) & (qualities > 0)
+
+    def final(T_ref_query: Pose, row: Int[Array, ""]) -> Refined:
+        view = jax.tree.map(lambda array: array[row], references.features.view)
+        return estimate(view, query.view, T_ref_query, config.refine)
+
+    def known(array):
+        mask = valid.reshape(valid.shape + (1,) * (array.ndim - 1))
+        return jnp.where(mask, array, jnp.zeros_like(array))
+
+    row = evaluated.row[best]
+    estimated = jax.vmap(final)(evaluated.T_ref_query[best], row)
+    return MatchResult(
+        reference=jnp.where(valid, references.ids[row], -1),
+        T_ref_query=known(estimated.T_ref_query),
+        covariance=known(estimated.covariance),
+        quality=jnp.where(valid, qualities, 0.0),
+        probability=jnp.where(valid, probability(qualities, config.probability), 0.0),
+        preselection=known(q_m[row]),
+        agreeing_anchors=known(evaluated.anchors[best]),
+        agreeing_beams=known(evaluated.beams[best].astype(jnp.int32)),
+        valid=valid,
+        confident=valid[0] & ~ranked.rival & (qualities[0] >= config.confident),
+        counts=counts,
+        status=_status(counts, valid[0], ranked.rival),
+    )
 
 
 def _status(counts: Counts, accepted: Bool[Array, ""], rival: Bool[Array, ""]) -> Int[Array, ""]:

@@ -21,19 +21,15 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 import aprjax
-from aprjax.alignment.align import counterparts
 from aprjax.alignment.voting import Votes, vote
-from aprjax.evaluation.congruence import congruence, quality, sees
 from aprjax.features import Features, describe
-from aprjax.matcher import _match_chunk, _ranked
+from aprjax.matcher import Evaluated, evaluate, match_together, rank
 from aprjax.references import ReferenceIndex
-from aprjax.refine import estimate, settle
+from aprjax.refine import estimate
 from aprjax.relations.histograms import preselection_quality
-from aprjax.se2 import inverse
 from aprjax.shortlist import Shortlist, glance_through, look_closer
 from benchmarks.inputs import some, split
 from benchmarks.machine import Peak, machine_name, peak
@@ -115,26 +111,12 @@ def stages(
     def look_one(query: Features, passed: Votes):
         return look_closer(passed, features, query, config.alignment, config.shortlist)
 
-    def evaluate(query: Features, listed: Shortlist):
-        rules = config.congruence
+    def evaluate_one(query: Features, listed: Shortlist):
+        return evaluate(query, listed, features, config)
 
-        def one(T_ref_query, row):
-            reference = jax.tree.map(lambda array: array[row], features)
-            T_ref_query = settle(reference.view, query.view, T_ref_query, config.refine)
-            T_query_ref = inverse(T_ref_query)
-            ahead = congruence(reference.view, query.view, T_query_ref, rules)
-            back = congruence(query.view, reference.view, T_ref_query, rules)
-            distance = config.alignment.agreement
-            anchors = counterparts(reference.graph, query.graph, T_ref_query, distance)
-            views_see = sees(reference.view, T_ref_query[:2]), sees(query.view, T_query_ref[:2])
-            return T_ref_query, quality(ahead, back, *views_see, anchors, rules.quality)
-
-        T_ref_query, e_m = jax.vmap(one)(listed.alternatives.T_ref_query, listed.row)
-        return T_ref_query, listed.row, jnp.where(listed.alternatives.valid, e_m, 0.0)
-
-    def rank(T_ref_query, row, e_m):
-        best, *_ = _ranked(T_ref_query, row, e_m, references, config)
-        return T_ref_query[best], row[best]
+    def rank_one(evaluated: Evaluated):
+        best = rank(evaluated, references, config).best
+        return evaluated.T_ref_query[best], evaluated.row[best]
 
     def estimate_one(query: Features, T_ref_query, row):
         def one(T_ref_query, row):
@@ -148,8 +130,8 @@ def stages(
     votes = stage("voting", each(vote_one), queries)
     passed = stage("glance", each(glance_one), queries, votes)
     listed = stage("closer look", each(look_one), queries, passed)
-    evaluated = stage("refinement, synthetic scans", each(evaluate), queries, listed)
-    best = stage("rivals", each(rank), *evaluated)
+    evaluated = stage("refinement, synthetic scans", each(evaluate_one), queries, listed)
+    best = stage("rivals", each(rank_one), evaluated)
     stage("final estimate", each(estimate_one), queries, *best)
     nothing = np.full((len(scans.ranges), 1), -1, np.int32)
     stage("all of them", partial(_match_all, references, config), scans, nothing)
@@ -159,7 +141,7 @@ def stages(
 def _match_all(
     references: ReferenceIndex, config: aprjax.MatchConfig, scans: aprjax.Scan, excluded: jax.Array
 ):
-    return _match_chunk(scans, excluded, references, config, together=False)
+    return match_together(scans, excluded, references, config, together=False)
 
 
 def row(stage: Stage, pairs: int, most: Peak, repeats: int) -> dict[str, Any]:

@@ -10,7 +10,8 @@ import jax
 import numpy as np
 import pytest
 
-from aprjax.matcher import MatchConfig, match_batch
+from aprjax.batch import match_batch
+from aprjax.matcher import MatchConfig
 from aprjax.metrics import deviations, world_poses
 from aprjax.references import ReferenceSet
 from aprjax.status import Status

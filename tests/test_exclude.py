@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aprjax.matcher import match_batch
+from aprjax.batch import match_batch
 from aprjax.references import ReferenceSet
 from tests.worlds import office, scan_at
 

@@ -30,6 +30,7 @@ ORDER = [
     "grid",
     "references",
     "matcher",
+    "batch",
     "compilation",
     "sweep",
     "metrics",

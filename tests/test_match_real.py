@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from aprjax.batch import match_batch
 from aprjax.io.logs import read_log
-from aprjax.matcher import MatchResult, match_batch
+from aprjax.matcher import MatchResult
 from aprjax.references import ReferenceSet
 from aprjax.scan import Scan
 from tests.oracles import evaluation as oracle

@@ -7,9 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from aprjax import matcher
+from aprjax import batch
+from aprjax.batch import match, match_batch
 from aprjax.evaluation.congruence import CongruenceConfig
-from aprjax.matcher import MatchConfig, match, match_batch
+from aprjax.matcher import MatchConfig
 from aprjax.references import ReferenceSet
 from aprjax.refine import RefineConfig
 from aprjax.relations.histograms import preselection_quality
@@ -505,7 +506,7 @@ def compilations(caplog):
 
 
 def test_one_compilation_serves_all_scans_references_and_thresholds_of_a_bucket(scene, result):
-    before = matcher._match_chunks._cache_size()
+    before = batch._match_chunks._cache_size()
     for references in (1, 3, 8):
         some = ReferenceSet.build(scene.reference_scans[:references])
         match_batch(scene.queries, some)
@@ -520,7 +521,7 @@ def test_one_compilation_serves_all_scans_references_and_thresholds_of_a_bucket(
             MatchConfig(congruence=CongruenceConfig(tolerance=value, relative=0)),
         ):
             match_batch(scene.queries, scene.references, config)
-    assert matcher._match_chunks._cache_size() == before
+    assert batch._match_chunks._cache_size() == before
 
 
 def test_thresholds_on_the_device_do_not_compile_anew(scene, result, compilations):

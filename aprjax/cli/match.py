@@ -14,6 +14,7 @@ import jax
 import numpy as np
 
 from aprjax.anchors.extract import ExtractionConfig
+from aprjax.batch import match_batch
 from aprjax.cli.errors import CommandError
 from aprjax.cli.inputs import (
     add_topic_options,
@@ -28,7 +29,7 @@ from aprjax.features import FeatureConfig
 from aprjax.io.pieces import Pieces, fingerprint
 from aprjax.io.reference_file import save_references
 from aprjax.io.tables import write_matches
-from aprjax.matcher import MatchConfig, MatchResult, match_batch
+from aprjax.matcher import MatchConfig, MatchResult
 from aprjax.references import ReferenceSet
 from aprjax.scan import Scan
 from aprjax.shortlist import ShortlistConfig

@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from aprjax.matcher import MatchConfig, MatchResult, match
+from aprjax.batch import match
+from aprjax.matcher import MatchConfig, MatchResult
 from aprjax.tracking.sources import Estimate
 from aprjax.world.model import WorldModel
 from aprjax.world.parts import Place

@@ -5,8 +5,9 @@ from typing import Any
 
 import jax
 
+from aprjax.batch import match_batch
 from aprjax.io.carmen import LogEntry
-from aprjax.matcher import MatchConfig, MatchResult, match_batch
+from aprjax.matcher import MatchConfig, MatchResult
 from aprjax.scan import Scan
 from aprjax.tracking.apr import AprSource
 from aprjax.tracking.belief import Belief

@@ -12,8 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from aprjax.batch import match_batch
 from aprjax.configuration import capacity, threshold
-from aprjax.matcher import MatchConfig, match_batch
+from aprjax.matcher import MatchConfig
 from aprjax.references import ReferenceSet
 from aprjax.world.motion import Motion
 from aprjax.world.plane import distance, wrap

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import aprjax.batch
 import aprjax.cli.match as cli_match
-import aprjax.matcher
 from aprjax.cli.main import main
 from aprjax.io.tables import MATCH_COLUMNS
 
@@ -140,7 +140,7 @@ def test_saved_references_give_the_same_table(logs, table, tmp_path, command):
 
 
 def test_options_arrive_in_the_configuration(logs, command, monkeypatch):
-    seen, real = [], aprjax.matcher.match_batch
+    seen, real = [], aprjax.batch.match_batch
 
     def spy(scans, references, config, **_):
         seen.append((config, references.index.config))

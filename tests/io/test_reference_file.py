@@ -7,6 +7,7 @@ import jax
 import numpy as np
 import pytest
 
+from aprjax.batch import match_batch
 from aprjax.configuration import to_dict
 from aprjax.features import FeatureConfig
 from aprjax.io.reference_file import (
@@ -15,7 +16,6 @@ from aprjax.io.reference_file import (
     looks_like_references,
     save_references,
 )
-from aprjax.matcher import match_batch
 from aprjax.references import ReferenceSet
 from tests.worlds import free_pose, office, scan_at
 

@@ -1,0 +1,135 @@
+"""Matching many scans: on the host, in batches that fill the device and bound its memory."""
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Int
+
+from aprjax.matcher import MatchConfig, MatchResult, match_together
+from aprjax.numerics import bucket
+from aprjax.references import ReferenceIndex, ReferenceSet
+from aprjax.scan import Scan
+
+
+def match(
+    scan: Scan,
+    references: ReferenceSet,
+    config: MatchConfig | None = None,
+    *,
+    exclude: Sequence[int] | np.ndarray = (),
+) -> MatchResult:
+    """Where one scan was taken, with respect to every reference whose id is not in `exclude`.
+
+    `match_batch` without the leading axis.
+    """
+    result = match_batch([scan], references, config, exclude=np.asarray([exclude], np.int32))
+    return jax.tree.map(lambda array: array[0], result)
+
+
+def match_batch(
+    scans: Sequence[Scan] | Scan,
+    references: ReferenceSet,
+    config: MatchConfig | None = None,
+    *,
+    exclude: np.ndarray | None = None,
+) -> MatchResult:
+    """Where each scan was taken, with respect to every reference, in one jitted call.
+
+    On a CPU, a batch of several chunks is shared among its cores, one such call for each.
+    `scans` is a list of scans or a stacked `Scan`; the result has a leading axis of that length
+    and lies on the host. `exclude` `(queries, any)` are ids of references that must not answer a
+    query, as the scans taken just before it in a search for closed loops; -1 stands for none. The
+    call compiles once for each bucket of beams, of references and
+    of queries (see `numerics.bucket`), whatever the thresholds. Raises `ValueError` for an empty
+    list and for no references; a scan in which nothing can be found is no error but a status.
+    """
+    config = MatchConfig() if config is None else config
+    if len(references) == 0:
+        raise ValueError("references: the set is empty")
+    batch = scans if isinstance(scans, Scan) else Scan.stack(scans)
+    if batch.ranges.ndim != 2 or batch.ranges.shape[0] == 0:
+        raise ValueError(f"scans: ranges of shape {batch.ranges.shape} are not (queries, beams)")
+    queries = batch.ranges.shape[0]
+    excluded = _excluded(exclude, queries)
+    on_cpu = jax.default_backend() == "cpu"
+    cores = (os.cpu_count() or 1) if on_cpu else 1
+    workers = min(cores, max(queries // config.chunk, 1))
+    part = -(-queries // workers)
+    chunk = min(config.chunk, 1 << (part - 1).bit_length())
+    slots = -(-bucket(part, smallest=1) // chunk) * chunk
+
+    def work(start: int) -> MatchResult:
+        here = jax.tree.map(lambda array: np.asarray(array)[start : start + part], batch)
+        count = here.ranges.shape[0]
+        ids = np.pad(excluded[start : start + part], [(0, slots - count), (0, 0)])
+        return _match_chunks(
+            here.pad_batch(slots),
+            ids,
+            np.int32(count),
+            references.index,
+            config,
+            chunk,
+            together=not on_cpu,
+        )
+
+    # XLA runs the calls of one thread one after another, those of several at the same time. The
+    # first one compiles for all.
+    first = work(0)
+    with ThreadPoolExecutor(workers) as pool:
+        others = pool.map(lambda start: jax.device_get(work(start)), range(part, queries, part))
+        results = [jax.device_get(first), *others]
+    return jax.tree.map(
+        lambda *parts: np.concatenate([array[:part] for array in parts])[:queries], *results
+    )
+
+
+def _excluded(exclude: np.ndarray | None, queries: int) -> np.ndarray:
+    """Checked ids `(queries, bucket)`, -1 where there is none."""
+    ids = np.full((queries, 0), -1) if exclude is None else np.asarray(exclude)
+    if ids.ndim != 2 or len(ids) != queries:
+        raise ValueError(f"exclude: shape {ids.shape} is not ({queries}, any)")
+    if ids.size and not np.issubdtype(ids.dtype, np.integer):
+        raise ValueError(f"exclude: {ids.dtype} is no type of ids")
+    missing = bucket(ids.shape[1]) - ids.shape[1]
+    return np.pad(ids.astype(np.int32), [(0, 0), (0, missing)], constant_values=-1)
+
+
+@partial(jax.jit, static_argnames=("chunk", "together"))
+def _match_chunks(
+    scans: Scan,
+    excluded: Int[Array, "slots any"],
+    queries: Int[Array, ""],
+    references: ReferenceIndex,
+    config: MatchConfig,
+    chunk: int,
+    together: bool,
+) -> MatchResult:
+    """`chunk` queries at a time, so that memory does not grow with the batch.
+
+    Those of one chunk are aligned and evaluated `together`, or one after the other: on a CPU
+    what one query needs then stays in the cache. The number of rounds is traced: padding up to
+    the bucket costs no time.
+    """
+
+    def of_chunk(index: int | Array) -> MatchResult:
+        here, ids = jax.tree.map(
+            lambda a: jax.lax.dynamic_slice_in_dim(a, index * chunk, chunk), (scans, excluded)
+        )
+        return match_together(here, ids, references, config, together)
+
+    def work(index: Array, results: MatchResult) -> MatchResult:
+        return jax.tree.map(
+            lambda all_, new: jax.lax.dynamic_update_slice_in_dim(all_, new, index * chunk, 0),
+            results,
+            of_chunk(index),
+        )
+
+    shapes = jax.eval_shape(of_chunk, 0)
+    slots = scans.ranges.shape[0]
+    empty = jax.tree.map(lambda leaf: jnp.zeros((slots, *leaf.shape[1:]), leaf.dtype), shapes)
+    return jax.lax.fori_loop(0, (queries + chunk - 1) // chunk, work, empty)
