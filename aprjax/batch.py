@@ -1,14 +1,15 @@
 """Matching many scans: on the host, in batches that fill the device and bound its memory."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
+from functools import cache
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int
+from jaxtyping import Array, Float, Int
 
 from aprjax.matcher import MatchConfig, MatchResult, match_together
 from aprjax.numerics import bucket
@@ -62,17 +63,20 @@ def match_batch(
     part = -(-queries // workers)
     chunk = min(config.chunk, 1 << (part - 1).bit_length())
     slots = -(-bucket(part, smallest=1) // chunk) * chunk
+    thresholds, rules = _packed(config)
+    starts = range(part, queries, part)
 
     def work(start: int) -> MatchResult:
         here = jax.tree.map(lambda array: np.asarray(array)[start : start + part], batch)
         count = here.ranges.shape[0]
         ids = np.pad(excluded[start : start + part], [(0, slots - count), (0, 0)])
-        return _match_chunks(
+        return _program()(
             here.pad_batch(slots),
             ids,
             np.int32(count),
             references.index,
-            config,
+            thresholds,
+            rules,
             chunk,
             together=not on_cpu,
         )
@@ -80,9 +84,11 @@ def match_batch(
     # XLA runs the calls of one thread one after another, those of several at the same time. The
     # first one compiles for all.
     first = work(0)
-    with ThreadPoolExecutor(workers) as pool:
-        others = pool.map(lambda start: jax.device_get(work(start)), range(part, queries, part))
-        results = [jax.device_get(first), *others]
+    others = []
+    if workers > 1:
+        with ThreadPoolExecutor(workers - 1) as pool:
+            others = list(pool.map(lambda start: jax.device_get(work(start)), starts))
+    results = [jax.device_get(first), *others]
     return jax.tree.map(
         lambda *parts: np.concatenate([array[:part] for array in parts])[:queries], *results
     )
@@ -99,13 +105,36 @@ def _excluded(exclude: np.ndarray | None, queries: int) -> np.ndarray:
     return np.pad(ids.astype(np.int32), [(0, 0), (0, missing)], constant_values=-1)
 
 
-@partial(jax.jit, static_argnames=("chunk", "together"))
+@cache
+def _program() -> Callable[..., MatchResult]:
+    """`_match_chunks`, jitted for the device.
+
+    By default XLA orders what runs on a CPU so that much of it may run at the same time. Here
+    chunks do that, and threads that are handed single small operations cost a quarter of the time.
+    """
+    option = {"xla_cpu_enable_concurrency_optimized_scheduler": False}
+    try:
+        jax.jit(lambda: 0, compiler_options=option).lower().compile()
+    except jax.errors.JaxRuntimeError:  # another XLA, which does not know it
+        option = {}
+    return jax.jit(
+        _match_chunks, static_argnames=("rules", "chunk", "together"), compiler_options=option
+    )
+
+
+def _packed(config: MatchConfig) -> tuple[np.ndarray, Any]:
+    """All thresholds in one array, which goes to the device at once, and their structure."""
+    thresholds, rules = jax.tree.flatten(config)
+    return np.stack([np.asarray(each, np.float32) for each in thresholds]), rules
+
+
 def _match_chunks(
     scans: Scan,
     excluded: Int[Array, "slots any"],
     queries: Int[Array, ""],
     references: ReferenceIndex,
-    config: MatchConfig,
+    thresholds: Float[Array, " thresholds"],
+    rules: Any,
     chunk: int,
     together: bool,
 ) -> MatchResult:
@@ -115,6 +144,7 @@ def _match_chunks(
     what one query needs then stays in the cache. The number of rounds is traced: padding up to
     the bucket costs no time.
     """
+    config = jax.tree.unflatten(rules, list(thresholds))
 
     def of_chunk(index: int | Array) -> MatchResult:
         here, ids = jax.tree.map(

@@ -6,6 +6,7 @@ from aprjax.anchors.extract import Anchors, ExtractionConfig, choose_anchors
 from aprjax.anchors.segment import segment
 from aprjax.anchors.surface import surface
 from aprjax.evaluation.raster import Raster, RasterConfig, raster
+from aprjax.evaluation.screen import Sketch, SketchConfig, sketch
 from aprjax.evaluation.view import View, ViewConfig, view
 from aprjax.relations.graph import AnchorGraph, anchor_graph
 from aprjax.relations.histograms import EdgeHistogram, RelationConfig, edge_histogram
@@ -19,16 +20,18 @@ class FeatureConfig(eqx.Module):
     relation: RelationConfig = RelationConfig()
     view: ViewConfig = ViewConfig()
     raster: RasterConfig = RasterConfig()
+    sketch: SketchConfig = SketchConfig()
 
 
 class Features(eqx.Module):
-    """One scan's anchors, their graph, its edges by length, its surfaces and their drawing."""
+    """One scan's anchors, their graph, its edges by length, its surfaces and two drawings."""
 
     anchors: Anchors
     graph: AnchorGraph
     histogram: EdgeHistogram
     view: View
     raster: Raster
+    sketch: Sketch
 
 
 def describe(scan: Scan, config: FeatureConfig) -> Features:
@@ -44,4 +47,5 @@ def describe(scan: Scan, config: FeatureConfig) -> Features:
         histogram=edge_histogram(graph, config.relation),
         view=seen,
         raster=raster(seen, config.raster),
+        sketch=sketch(seen, config.sketch),
     )

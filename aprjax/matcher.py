@@ -162,7 +162,7 @@ def match_one(
 ) -> MatchResult:
     """One query, in the order of section 2: alignments, their evaluation, the best of them."""
     answering = references.valid & ~jnp.any(references.ids[:, None] == excluded[None, :], axis=1)
-    allowed = _preselected(q_m, answering, config)
+    allowed = preselected(q_m, answering, config)
     candidates = cascade if config.cascade else exhaustive
     found, listed = candidates(query, allowed, references, config)
     evaluated = evaluate(query, listed, references.features, config)
@@ -220,7 +220,7 @@ def exhaustive(
     return found, all_alternatives(aligned, jnp.arange(allowed.shape[0]))
 
 
-def _preselected(
+def preselected(
     q_m: Float[Array, " rows"], answering: Bool[Array, " rows"], config: MatchConfig
 ) -> Bool[Array, " rows"]:
     """Those `answering` that are among the `top_k` of the highest q_m; ties go to the lowest id."""

@@ -1,12 +1,19 @@
 """Numerical helpers that every stage shares: safe norms, angles, bucket sizes."""
 
+from collections.abc import Callable
+from typing import TypeVar
+
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Float, Int
 
 HIGHEST = jax.lax.Precision.HIGHEST
 """Products of coordinates ask for full float32, also where a device defaults to less."""
+
+_Loaded = TypeVar("_Loaded")
+_State = TypeVar("_State")
 
 _TINY = float(np.finfo(np.float32).tiny)
 
@@ -34,6 +41,50 @@ def total(array: Float[Array, "... n"]) -> Float[Array, "..."]:
     same beams, and then vectorise none of it.
     """
     return jnp.matmul(array, jnp.ones(array.shape[-1], array.dtype), precision=HIGHEST)
+
+
+@custom_vmap
+def take(array: Float[Array, "*rows n"], index: Int[Array, "*at"]) -> Float[Array, "..."]:
+    """`array[..., index]` for indices that are known to be in bounds.
+
+    Mapped over arrays `(n,)` of its own, each looks up in one long array: XLA on a CPU would
+    spread every index into one for each axis, at several times the cost of the look-up.
+    """
+    return array.at[..., index].get(mode="promise_in_bounds")
+
+
+@take.def_vmap
+def _take_mapped(size: int, mapped: list[bool], array: Array, index: Array) -> tuple[Array, bool]:
+    array_mapped, index_mapped = mapped
+    if not index_mapped:
+        return take(array, index), True
+    if not array_mapped:
+        return jnp.moveaxis(take(array, index), array.ndim - 1, 0), True
+    if array.ndim > 2:
+        return jax.vmap(lambda a, i: a.at[..., i].get(mode="promise_in_bounds"))(array, index), True
+    first = jnp.arange(size, dtype=index.dtype) * array.shape[1]
+    return take(array.reshape(-1), index + first.reshape(-1, *[1] * (index.ndim - 1))), True
+
+
+def in_turn(
+    rounds: int | Int[Array, ""],
+    load: Callable[[Int[Array, ""]], _Loaded],
+    use: Callable[[_Loaded, _State], _State],
+    state: _State,
+) -> _State:
+    """`state = use(load(i), state)` for every round i, each loaded in the round before its use.
+
+    XLA on a CPU fuses look-ups, and the indices that lead to them, into everything that uses
+    them: it does them again for each, and then vectorises none of it. What one round of a loop
+    hands to the next is computed once.
+    """
+
+    def round_(i: Int[Array, ""], carry: tuple[_Loaded, _State]) -> tuple[_Loaded, _State]:
+        loaded, state = carry
+        return load(i + 1), use(loaded, state)
+
+    first = jnp.int32(0)
+    return jax.lax.fori_loop(first, rounds, round_, (load(first), state))[1]
 
 
 def running_max(values: Int[Array, " n"]) -> Int[Array, " n"]:

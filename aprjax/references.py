@@ -249,10 +249,9 @@ def _index(
 
     padded = jax.tree.map(pad, features)
     # A step of zero between beams would divide by zero.
+    step = pad(np.asarray(features.view.angle_increment), fill=1)
     padded = eqx.tree_at(
-        lambda f: f.view.angle_increment,
-        padded,
-        pad(np.asarray(features.view.angle_increment), fill=1),
+        lambda f: (f.view.angle_increment, f.sketch.scanner.angle_increment), padded, (step, step)
     )
     known = np.all(np.isfinite(T_world_ref), axis=1)
     # Only differences matter, and float32 is too coarse for coordinates far from their origin.
@@ -260,4 +259,4 @@ def _index(
     poses = np.where(known[:, None], T_world_ref - middle, 0.0).astype(np.float32)
     placement = Placement(pad(poses), pad(known))
     edges = EdgeTable.build(jax.tree.map(np.asarray, padded.graph))
-    return ReferenceIndex(padded, edges, pad(ids, fill=-1), placement, config)
+    return ReferenceIndex(padded, edges, pad(ids, fill=-1), placement, jax.device_put(config))

@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.configuration import capacity, threshold
 from aprjax.evaluation.view import View
-from aprjax.numerics import HIGHEST, arctan2, dot, safe_norm, wrap
+from aprjax.numerics import HIGHEST, arctan2, dot, safe_norm, take, wrap
 from aprjax.se2 import Pose, inverse, transform
 
 
@@ -83,31 +83,43 @@ def settle(reference: View, query: View, T_ref_query: Pose, config: RefineConfig
     beam, real = query.thin(config.points)
     real = real & query.hit[beam]
     query_x, query_y = query.xy[beam, 0], query.xy[beam, 1]
+    # Coordinate by coordinate: XLA on a CPU does not vectorise so short an axis.
+    line_x, line_y = reference.xy[:, 0], reference.xy[:, 1]
+    line_normal_x, line_normal_y = reference.normal[:, 0], reference.normal[:, 1]
 
-    def step(T_ref_query: Pose, gate: Float[Array, ""]) -> tuple[Pose, None]:
-        # Coordinate by coordinate: XLA on a CPU does not vectorise so short an axis.
-        cos, sin = jnp.cos(T_ref_query[2]), jnp.sin(T_ref_query[2])
+    def look(x: Array, y: Array, angle: Array) -> tuple[Array, Array, Array]:
+        """Query points turned, and the surfaces they are looked up at; -1 - k if not in view.
+
+        One array of numbers: truth values are not vectorised by XLA on a CPU.
+        """
+        cos, sin = jnp.cos(angle), jnp.sin(angle)
         arm_x, arm_y = cos * query_x - sin * query_y, sin * query_x + cos * query_y
-        x, y = arm_x + T_ref_query[0], arm_y + T_ref_query[1]
-        index, visible = reference.scanner.towards(arctan2(y, x))
-        normal_x, normal_y = reference.normal[index, 0], reference.normal[index, 1]
-        gap_x, gap_y = x - reference.xy[index, 0], y - reference.xy[index, 1]
+        index, visible = reference.scanner.towards(arctan2(arm_y + y, arm_x + x))
+        return arm_x, arm_y, jnp.where(visible & real, index, -1 - index)
+
+    # The look ahead belongs to the step before: what passes from one round of a loop to the next
+    # is computed once, where XLA on a CPU fuses indices into each of the gathers that use them.
+    def step(carry: tuple[Any, Any], gate: Float[Array, ""]) -> tuple[tuple[Any, Any], None]:
+        (x, y, angle), (arm_x, arm_y, seen) = carry
+        index = jnp.maximum(seen, -1 - seen)
+        normal_x, normal_y = take(line_normal_x, index), take(line_normal_y, index)
+        gap_x, gap_y = arm_x + x - take(line_x, index), arm_y + y - take(line_y, index)
         near = gap_x**2 + gap_y**2 < (config.reach * gate) ** 2
-        paired = real & visible & near & (normal_x**2 + normal_y**2 > 0)
+        paired = (seen >= 0) & near & (normal_x**2 + normal_y**2 > 0)
         off = normal_x * gap_x + normal_y * gap_y
         weight = jnp.where(paired, jnp.maximum(1.0 - (off / gate) ** 2, 0.0) ** 2, 0.0)
         columns = (normal_x, normal_y, normal_y * arm_x - normal_x * arm_y)
-        # One unit of damping is one point: nothing against a wall, enough along a corridor.
-        information = jnp.eye(3) + _symmetric(
-            [jnp.sum(weight * a * b) for k, a in enumerate(columns) for b in columns[k:]]
-        )
-        gradient = jnp.stack([jnp.sum(weight * off * column) for column in columns])
-        T_ref_query = T_ref_query - jnp.matmul(_inverse(information), gradient, precision=HIGHEST)
-        return T_ref_query.at[2].set(wrap(T_ref_query[2])), None
+        information = [jnp.sum(weight * a * b) for k, a in enumerate(columns) for b in columns[k:]]
+        gradient = [jnp.sum(weight * off * column) for column in columns]
+        dx, dy, turn = _damped_step(information, gradient)
+        pose = (x - dx, y - dy, wrap(angle - turn))
+        return (pose, look(*pose)), None
 
     shrink = config.final_gate / config.gate
     gates = config.gate * shrink ** jnp.linspace(0.0, 1.0, config.iterations)
-    return jax.lax.scan(step, T_ref_query, gates)[0]
+    start = (T_ref_query[0], T_ref_query[1], T_ref_query[2])
+    (pose, _), _ = jax.lax.scan(step, (start, look(*start)), gates)
+    return jnp.stack(pose)
 
 
 def refine(reference: View, query: View, T_ref_query: Pose, config: RefineConfig) -> Refined:
@@ -158,7 +170,7 @@ def estimate(reference: View, query: View, T_ref_query: Pose, config: RefineConf
         0.5 * jnp.sum(pairs.real, dtype=jnp.float32), 1.0
     )
     inflation = 1.0 + config.cluster * jnp.maximum(mean_square - 1.0, 0.0)
-    information = jnp.matmul(slope.T, slope, precision=HIGHEST) / inflation + jnp.diag(prior**2)
+    information = _gram(slope) / inflation + jnp.diag(prior**2)
     T_ref_query = (T_ref_query + step[:3]).at[2].set(wrap(T_ref_query[2] + step[2]))
     return Refined(T_ref_query, _inverse(information)[:3, :3])
 
@@ -229,7 +241,7 @@ class _NormalEquations(lx.AbstractLinearSolver):
 
     def init(self, operator: lx.AbstractLinearOperator, options: dict[str, Any]):
         jacobian = operator.as_matrix()
-        return _inverse(jnp.matmul(jacobian.T, jacobian, precision=HIGHEST)), jacobian
+        return _inverse(_gram(jacobian)), jacobian
 
     def compute(self, state: Any, vector: Any, options: dict[str, Any]):
         inverse_square, jacobian = state
@@ -247,9 +259,30 @@ class _NormalEquations(lx.AbstractLinearSolver):
         return True
 
 
-def _symmetric(upper: list[Float[Array, ""]]) -> Float[Array, "3 3"]:
-    """The 3 x 3 matrix with this upper triangle, row by row."""
-    return jnp.stack([upper[k] for k in (0, 1, 2, 1, 3, 4, 2, 4, 5)]).reshape(3, 3)
+def _damped_step(information: list[Array], gradient: list[Array]) -> tuple[Array, Array, Array]:
+    """The solution of three normal equations, of which the upper triangle is given row by row.
+
+    By the factors L D Lᵀ, number by number. One unit of damping is one point: nothing against a
+    wall, enough along a corridor.
+    """
+    xx, xy, xt, yy, yt, tt = information
+    xx, yy, tt = xx + 1.0, yy + 1.0, tt + 1.0
+    l_y, l_t = xy / xx, xt / xx
+    d_y = jnp.maximum(yy - l_y * xy, 1e-6 * yy)
+    rest = yt - l_t * xy
+    l_ty = rest / d_y
+    d_t = jnp.maximum(tt - l_t * xt - l_ty * rest, 1e-6 * tt)
+    g_x, g_y, g_t = gradient
+    g_y = g_y - l_y * g_x
+    t = (g_t - l_t * g_x - l_ty * g_y) / d_t
+    y = g_y / d_y - l_ty * t
+    return g_x / xx - l_y * y - l_t * t, y, t
+
+
+def _gram(columns: Float[Array, "pairs n"]) -> Float[Array, "n n"]:
+    """Products of all columns with each other. With long rows a CPU is several times as fast."""
+    rows = columns.T
+    return jnp.einsum("ip,jp->ij", rows, rows, precision=HIGHEST)
 
 
 def _inverse(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:

@@ -13,7 +13,7 @@ from aprjax.alignment.align import AlignmentConfig, Alternatives, counterparts
 from aprjax.alignment.voting import Votes
 from aprjax.configuration import capacity, threshold
 from aprjax.evaluation.raster import GlanceConfig, RasterConfig, glance
-from aprjax.evaluation.screen import ScreenConfig, screen, sketch
+from aprjax.evaluation.screen import ScreenConfig, screen
 from aprjax.features import Features
 from aprjax.numerics import square_gaps
 from aprjax.refine import RefineConfig, settle
@@ -126,16 +126,28 @@ def look_closer(
     enough = anchors.astype(jnp.float32) >= alignment_config.min_anchors
     alternatives = Alternatives(T_ref_query, anchors, passed.count, passed.valid & enough)
     score = jax.vmap(screen, (None, 0, None, 0, 0, None))(
-        jax.vmap(sketch, (0, None))(references.view, config.closer),
+        references.sketch,
         passed.row,
-        sketch(query.view, config.closer),
+        query.sketch,
         T_ref_query,
         anchors,
         config.closer,
     )
-    again = _repeated(T_ref_query, passed.row, jnp.where(alternatives.valid, score, -1.0), config)
-    alternatives = eqx.tree_at(lambda a: a.valid, alternatives, alternatives.valid & ~again)
-    return Shortlist(alternatives, passed.row).best(score, config.kept)
+    score = jnp.where(alternatives.valid, score, -1.0)
+    # Among a few times as many as will be kept: gaps of all pairs would take longer than the look.
+    _, best = jax.lax.top_k(score, min(_DISTINCT * config.kept, score.shape[0]))
+    listed, score = jax.tree.map(
+        lambda array: array[best], (Shortlist(alternatives, passed.row), score)
+    )
+    again = _repeated(listed.alternatives.T_ref_query, listed.row, score, config)
+    listed = eqx.tree_at(
+        lambda those: those.alternatives.valid, listed, listed.alternatives.valid & ~again
+    )
+    return listed.best(score, config.kept)
+
+
+_DISTINCT = 3
+"""Times `kept` alternatives that are compared with each other."""
 
 
 def _repeated(

@@ -10,6 +10,8 @@ pose are counted. `aprjax.alignment.align` is the paper's own way; the README sa
 finds, and what it costs.
 """
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -17,8 +19,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.configuration import capacity, threshold
-from aprjax.numerics import wrap
-from aprjax.relations.edge_table import SLICE, EdgeTable
+from aprjax.numerics import in_turn, take, wrap
+from aprjax.relations.edge_table import EdgeTable, Geometry
 from aprjax.relations.graph import AnchorGraph
 from aprjax.se2 import Pose, rotate
 
@@ -32,7 +34,9 @@ class VotingConfig(eqx.Module):
     grids: int = capacity(2, "grids of cells, shifted so that no pose is at the border of all")
     places: int = capacity(32, "parts of a reference's cells, of each of which the best is kept")
     depth: int = capacity(32, "counters of a part, which its cells are hashed to")
-    poses: int = capacity(64, "poses kept of each part, over all references")
+    poses: int = capacity(
+        128, "groups that the references are dealt into; of each and each part one pose is kept"
+    )
 
     def __check_init__(self) -> None:
         for name in ("places", "depth"):
@@ -46,7 +50,7 @@ class VotingConfig(eqx.Module):
 
 
 class Votes(eqx.Module):
-    """Poses, those of each part together, best rated first."""
+    """Poses, in no order."""
 
     T_ref_query: Pose
     """Metres and radians: that of the longest of the agreeing edges."""
@@ -59,10 +63,9 @@ class Votes(eqx.Module):
     valid: Bool[Array, " poses"]
 
 
-class _Edge(eqx.Module):
-    """Undirected edges of the query, shortest first, those that are none at the end."""
+class _Edge(NamedTuple):
+    """Undirected edges of the query, less their length."""
 
-    length: Float[Array, "*k"]
     cos: Float[Array, "*k"]
     sin: Float[Array, "*k"]
     direction: Float[Array, "*k"]
@@ -95,38 +98,50 @@ def vote(
     """
     rows, grids = k_m.shape[0], range(config.grids)
     centre = _centre(query)
-    edges = _edges(query, centre)
-    begin, end = table.window(edges.length, config.length)
+    length, edges = _edges(query, centre)
+    begin, end = table.window(length, config.length)
     slots = table.length.shape[0]
-    if 2 * edges.length.shape[0] * slots > np.iinfo(np.int32).max:
+    if 2 * length.shape[0] * slots > np.iinfo(np.int32).max:
         raise ValueError(
-            f"references: {rows} of them with {edges.length.shape[0]} edges each are more than 32 "
+            f"references: {rows} of them with {length.shape[0]} edges each are more than 32 "
             "bits number; match them in several sets, or with fewer anchors"
         )
 
-    def count(k: Int[Array, ""], start: Int[Array, ""], boards: tuple[Array, Array]):
-        """The votes of the query's edge k and one slice of the table."""
+    # Blocks of the table, edge after edge of the query; so many belong to the edges up to each.
+    mine = (end - begin + _BLOCK - 1) // _BLOCK
+    mine = jnp.where(jnp.arange(mine.shape[0]) < query.edges, mine, 0)
+    upto = jnp.cumsum(mine)
+
+    def load(round_: Int[Array, ""]) -> tuple[Array, Array, Array, Array, Array]:
+        """The edges of a few blocks of pairs, their rows, their numbers and which are real."""
+        block = round_ * _BLOCKS + jnp.arange(_BLOCKS, dtype=jnp.int32)
+        k = jnp.sum(upto[None, :] <= block[:, None], axis=1, dtype=jnp.int32)
+        k = jnp.minimum(k, mine.shape[0] - 1)
+        start = begin[k] + (block - (upto[k] - mine[k])) * _BLOCK
+        end_ = jnp.where(block < upto[-1], end[k], 0)
+        place = jnp.arange(_BLOCKS * _BLOCK, dtype=jnp.int32)
+        k, start, end_ = (jnp.repeat(each, _BLOCK) for each in (k, start, end_))
+        slot = jnp.clip(start + place % _BLOCK, 0, slots - 1)
+        ours, theirs = take(edges, k), take(table.geometry, slot)
+        return ours, theirs, take(table.row, slot), 2 * (k * slots + slot), slot < end_
+
+    def count(pairs: tuple[Array, ...], boards: tuple[Array, Array]) -> tuple[Array, Array]:
+        """The votes of these pairs."""
         counters, longest = boards
-        slot = start + jnp.arange(SLICE, dtype=jnp.int32)
-        real = slot < end[k]
-        ours, theirs = jax.tree.map(lambda array: array[k], edges), table.slice(start)
-        for sense, T in enumerate(_either_sense(ours, theirs)):
-            pair = jnp.where(real, 2 * (k * slots + slot) + sense, -1)
+        ours, theirs, row, number, real = pairs
+        one = real.astype(jnp.int16)
+        for sense, T in enumerate(_either_sense(_Edge(*ours), Geometry(*theirs))):
+            pair = jnp.where(real, number + sense, -1)
             for grid in grids:
-                cell = _counter(T, theirs.row, grid, rows, config)
-                counters = counters.at[cell].add(real.astype(jnp.int16), mode=_IN_BOUNDS)
+                cell = _counter(T, row, grid, rows, config)
+                counters = counters.at[cell].add(one, mode=_IN_BOUNDS)
                 longest = longest.at[cell].max(pair, mode=_IN_BOUNDS)
         return counters, longest
 
-    def count_all(k: Int[Array, ""], boards: tuple[Array, Array]):
-        slices = (end[k] - begin[k] + SLICE - 1) // SLICE
-        return jax.lax.fori_loop(
-            0, slices, lambda i, boards: count(k, begin[k] + i * SLICE, boards), boards
-        )
-
     size = config.depth * config.grids * rows * config.places
     boards = jnp.zeros(size, jnp.int16), jnp.full(size, -1, jnp.int32)
-    counters, longest = jax.lax.fori_loop(0, query.edges, count_all, boards)
+    rounds = (upto[-1] + _BLOCKS - 1) // _BLOCKS
+    counters, longest = in_turn(rounds, load, count, boards)
 
     # Count and counter in one integer make this a plain maximum, which XLA vectorises.
     counters = counters.reshape(config.depth, -1).astype(jnp.int32)
@@ -136,9 +151,8 @@ def vote(
     weight = jnp.where(allowed, jax.lax.rsqrt(jnp.maximum(pairs, 1.0)), 0.0)
     votes = (best // config.depth).astype(jnp.float32)
     rating = votes.reshape(config.grids, rows, config.places) * weight[None, :, None]
-    rating = rating.reshape(-1, config.places).T
-    rating, row = jax.lax.top_k(rating, min(config.poses, rating.shape[1]))
-    place = (row * config.places + jnp.arange(config.places)[:, None]).reshape(-1)
+    rating, row = _best_of_each_group(rating.reshape(-1, config.places), config.poses)
+    place = (row * config.places + jnp.arange(config.places)[None, :]).reshape(-1)
     pair = jnp.maximum(longest[best[place] % config.depth * best.shape[0] + place], 0)
     rating, row = rating.reshape(-1), row.reshape(-1) % rows
     return Votes(
@@ -150,7 +164,29 @@ def vote(
     )
 
 
+def _best_of_each_group(
+    rating: Float[Array, "boards places"], groups: int
+) -> tuple[Float[Array, "groups places"], Int[Array, "groups places"]]:
+    """The best rating of every group of boards, and its board; board b is in group b % groups.
+
+    Rating and member in one integer make this a plain maximum: positive numbers are ordered as
+    their bits are, and the last few of those are no loss.
+    """
+    boards, places = rating.shape
+    groups = min(groups, boards)
+    members = -(-boards // groups)
+    rating = jnp.pad(rating, [(0, members * groups - boards), (0, 0)])
+    low = (1 << (members - 1).bit_length()) - 1
+    bits = jax.lax.bitcast_convert_type(rating, jnp.int32).reshape(members, groups, places)
+    ranked = (bits & ~low) | jnp.arange(members, dtype=jnp.int32)[:, None, None]
+    best = jnp.max(ranked, axis=0)
+    board = (best & low) * groups + jnp.arange(groups, dtype=jnp.int32)[:, None]
+    return jax.lax.bitcast_convert_type(best & ~low, jnp.float32), jnp.minimum(board, boards - 1)
+
+
 _IN_BOUNDS = "promise_in_bounds"
+_BLOCK, _BLOCKS = 32, 32
+"""Edges of the table in a block, and blocks that vote in one round."""
 
 
 def _centre(query: AnchorGraph) -> Float[Array, "2"]:
@@ -160,26 +196,25 @@ def _centre(query: AnchorGraph) -> Float[Array, "2"]:
     return jnp.sum(weight[:, None] * query.xy, axis=0)
 
 
-def _edges(query: AnchorGraph, centre: Float[Array, "2"]) -> _Edge:
-    """The query's edges in ascending order, so that the last to vote has the best rotation."""
+def _edges(
+    query: AnchorGraph, centre: Float[Array, "2"]
+) -> tuple[Float[Array, " k"], Float[Array, "fields k"]]:
+    """The query's edges in ascending order, so that the last to vote has the best rotation.
+
+    Their lengths in metres, and what `_Edge` names; those that are none come at the end.
+    """
     a, b = np.triu_indices(query.xy.shape[0], k=1)
     valid = query.valid[a, b]
     order = jnp.argsort(jnp.where(valid, query.length[a, b], jnp.inf))
     a, b = jnp.asarray(a)[order], jnp.asarray(b)[order]
     unit = query.unit[a, b]
     cos, sin = jnp.where(unit[:, 1:] < 0, -unit, unit).T
+    direction = jnp.arctan2(sin, jnp.where(valid[order], cos, 1.0))
     arm = centre[None, :] - 0.5 * (query.xy[a] + query.xy[b])
-    return _Edge(
-        length=query.length[a, b],
-        cos=cos,
-        sin=sin,
-        direction=jnp.arctan2(sin, jnp.where(valid[order], cos, 1.0)),
-        arm_x=arm[:, 0],
-        arm_y=arm[:, 1],
-    )
+    return query.length[a, b], jnp.stack(_Edge(cos, sin, direction, arm[:, 0], arm[:, 1]))
 
 
-def _either_sense(ours: _Edge, theirs: EdgeTable) -> tuple[_Turned, _Turned]:
+def _either_sense(ours: _Edge, theirs: Geometry) -> tuple[_Turned, _Turned]:
     """Edges of the query on edges of the table, middle on middle, and the other way round."""
     cos = theirs.cos * ours.cos + theirs.sin * ours.sin
     sin = theirs.sin * ours.cos - theirs.cos * ours.sin
@@ -215,15 +250,17 @@ def _counter(
 
 
 def _pose(
-    table: EdgeTable, edges: _Edge, centre: Float[Array, "2"], pair: Int[Array, " poses"]
+    table: EdgeTable,
+    edges: Float[Array, "fields k"],
+    centre: Float[Array, "2"],
+    pair: Int[Array, " poses"],
 ) -> Pose:
     """T_ref_query of numbered pairs of edges."""
     slots = table.length.shape[0]
-    ours = jax.tree.map(lambda array: array[pair // 2 // slots], edges)
-    theirs = jax.tree.map(lambda array: array[pair // 2 % slots], table)
+    ours, theirs = take(edges, pair // 2 // slots), take(table.geometry, pair // 2 % slots)
     T = jax.tree.map(
         lambda along, against: jnp.where(pair % 2 == 0, along, against),
-        *_either_sense(ours, theirs),
+        *_either_sense(_Edge(*ours), Geometry(*theirs)),
     )
     turned = rotate(jnp.broadcast_to(centre, (*pair.shape, 2)), T.turn)
     return jnp.stack([T.x - turned[:, 0], T.y - turned[:, 1], wrap(T.turn)], axis=-1)

@@ -49,11 +49,11 @@ class Verdicts(eqx.Module):
         agree: Bool[Array, " beams"],
         contradict: Bool[Array, " beams"],
         hit: Bool[Array, " beams"],
-        xy: Float[Array, "beams 2"],
+        x: Float[Array, " beams"],
+        y: Float[Array, " beams"],
     ) -> Self:
-        """The verdicts of single beams with end points `xy`, together."""
+        """The verdicts of single beams with end points `(x, y)`, together."""
         one = agree.astype(jnp.float32)
-        x, y = xy[:, 0], xy[:, 1]
         number = jnp.sum(one)
         share = one / jnp.maximum(number, 1.0)
         # Moments, all sums in one pass over the beams: XLA on a CPU fuses them.
@@ -90,7 +90,7 @@ def congruence(
     index, visible = overview.look_up(seen)
     free = overview.hit[index] & (overview.range[index] > safe_norm(seen) + tolerance)
     short = hit & ~agree & ~through & visible & free
-    return Verdicts.count(agree, through | short, hit, xy)
+    return Verdicts.count(agree, through | short, hit, xy[:, 0], xy[:, 1])
 
 
 def sees(overview: View, front_xy: Float[Array, "2"]) -> Bool[Array, ""]:

@@ -10,6 +10,8 @@ Nothing is kept between queries: `rivals` alternatives are compared with the bes
 scans each, however many references there are.
 """
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -34,6 +36,7 @@ class DistinctivenessConfig(eqx.Module):
     angle: Float[Array, ""] = threshold(0.2, "radians, likewise")
     equal: Float[Array, ""] = threshold(0.9, "share of the best e_m at which a rival is its equal")
     rivals: int = capacity(16, "alternatives, best first, that are compared with the best")
+    beams: int = capacity(64, "most beams of either scan that are compared")
 
 
 class Placement(eqx.Module):
@@ -65,9 +68,10 @@ def rivalry(
         jax.tree.map(lambda array: array[row], references)  # noqa: B023
         for row in (best, other)
     )
+    rules = replace(congruence_config, beams=config.beams)
     T_best_other = compose(T_best_query, inverse(T_other_query))
-    ahead = congruence(view_best, view_other, inverse(T_best_other), congruence_config)
-    back = congruence(view_other, view_best, T_best_other, congruence_config)
+    ahead = congruence(view_best, view_other, inverse(T_best_other), rules)
+    back = congruence(view_other, view_best, T_best_other, rules)
     contradict = ahead.contradict + back.contradict
     share = contradict / jnp.maximum(ahead.agree + back.agree + contradict, 1.0)
     span = jnp.maximum(config.contradiction - config.harmony, 1e-6)

@@ -4,8 +4,6 @@ Only alternatives that earned it here get a synthetic scan. No surfaces are join
 refined: a thinned set of end points is looked up by bearing in the other view.
 """
 
-from collections.abc import Callable
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -14,17 +12,22 @@ from jaxtyping import Array, Bool, Float, Int
 from aprjax.configuration import capacity, threshold
 from aprjax.evaluation.congruence import QualityConfig, Verdicts, quality
 from aprjax.evaluation.view import Scanner, View
-from aprjax.numerics import safe_norm
-from aprjax.se2 import Pose, inverse, transform
+from aprjax.numerics import arctan2, take
+from aprjax.se2 import Pose
+
+
+class SketchConfig(eqx.Module):
+    """Which end points are looked up."""
+
+    points: int = capacity(48, "most end points of a scan")
 
 
 class ScreenConfig(eqx.Module):
-    """Which end points are looked up, and when they agree."""
+    """When end points agree, and what that is worth."""
 
     tolerance: Float[Array, ""] = threshold(0.08, "metres off the other scan's range")
     relative: Float[Array, ""] = threshold(0.015, "the same, per metre of range")
     quality: QualityConfig = QualityConfig()
-    points: int = capacity(48, "most end points of each scan")
 
 
 class Sketch(eqx.Module):
@@ -33,16 +36,18 @@ class Sketch(eqx.Module):
     scanner: Scanner
     surface: Float[Array, "*batch slots"]
     """Distance of the surface that each entry met in metres; zero where it met none."""
-    xy: Float[Array, "*batch points 2"]
-    """A few end points in metres."""
+    x: Float[Array, "*batch points"]
+    """Of a few end points in metres."""
+    y: Float[Array, "*batch points"]
     hit: Bool[Array, "*batch points"]
 
 
-def sketch(view: View, config: ScreenConfig) -> Sketch:
+def sketch(view: View, config: SketchConfig) -> Sketch:
     """The sketch of one view."""
     beam, real = view.thin(config.points)
     surface = jnp.where(view.hit, view.range, 0.0)
-    return Sketch(view.scanner, surface, view.xy[beam], view.hit[beam] & real)
+    x, y = view.xy[beam, 0], view.xy[beam, 1]
+    return Sketch(view.scanner, surface, x, y, view.hit[beam] & real)
 
 
 def screen(
@@ -57,34 +62,51 @@ def screen(
 
     `row` says which of the stacked sketches is meant. Only what is needed of it is gathered.
     """
-    scanner, xy, hit = jax.tree.map(
-        lambda array: array[row], (references.scanner, references.xy, references.hit)
+    scanner, theirs_x, theirs_y, theirs_hit = jax.tree.map(
+        lambda array: array[row],
+        (references.scanner, references.x, references.y, references.hit),
     )
 
     def one_way(
-        xy: Float[Array, "points 2"],
+        x: Float[Array, " points"],
+        y: Float[Array, " points"],
         hit: Bool[Array, " points"],
         scanner: Scanner,
-        surface: Callable[[Int[Array, " points"]], Float[Array, " points"]],
+        surfaces: Float[Array, " entries"],
+        first: Int[Array, ""],
     ) -> Verdicts:
-        """How end points lie in the other view. What lies behind its surfaces says nothing."""
-        distance = safe_norm(xy)
-        index, visible = scanner.look_up(xy)
-        met = surface(index)
+        """How end points lie in the other view, whose surfaces begin at `first`.
+
+        What lies behind them says nothing.
+        """
+        distance = jnp.sqrt(x * x + y * y)
+        index, visible = scanner.towards(arctan2(y, x))
+        met = take(surfaces, first + index)
         beyond = distance - met
         tolerance = config.tolerance + config.relative * distance
         known = hit & visible & (met > 0)
         agree, contradict = jnp.abs(beyond) <= tolerance, beyond < -tolerance
-        return Verdicts.count(known & agree, known & contradict, hit, xy)
+        return Verdicts.count(known & agree, known & contradict, hit, x, y)
 
-    ahead = transform(T_ref_query, query.xy)
-    back = transform(inverse(T_ref_query), xy)
-    both = jnp.asarray(True)
-    return quality(
-        one_way(ahead, query.hit, scanner, lambda index: references.surface[row, index]),
-        one_way(back, hit, query.scanner, lambda index: query.surface[index]),
-        both,
-        both,
-        anchors,
-        config.quality,
+    # Coordinate by coordinate: XLA on a CPU does not vectorise so short an axis.
+    x, y = T_ref_query[0], T_ref_query[1]
+    cos, sin = jnp.cos(T_ref_query[2]), jnp.sin(T_ref_query[2])
+    dx, dy = theirs_x - x, theirs_y - y
+    ahead = one_way(
+        cos * query.x - sin * query.y + x,
+        sin * query.x + cos * query.y + y,
+        query.hit,
+        scanner,
+        references.surface.reshape(-1),
+        row * references.surface.shape[-1],
     )
+    back = one_way(
+        cos * dx + sin * dy,
+        cos * dy - sin * dx,
+        theirs_hit,
+        query.scanner,
+        query.surface,
+        jnp.int32(0),
+    )
+    both = jnp.asarray(True)
+    return quality(ahead, back, both, both, anchors, config.quality)

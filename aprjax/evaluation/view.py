@@ -84,14 +84,14 @@ class Scanner(eqx.Module):
     def towards(
         self, bearing: Float[Array, " points"]
     ) -> tuple[Int[Array, " points"], Bool[Array, " points"]]:
-        """The same for bearings in radians."""
+        """The same for bearings in radians; the entry is one of the view, whatever the bearing."""
         width = jnp.abs(self.angle_increment)
         # Half a beam before the first one is still in view.
         turned = (bearing - self.angle_min) * jnp.sign(self.angle_increment) + 0.5 * width
         turned = turned - 2 * np.pi * jnp.floor(turned / (2 * np.pi))
         step = jnp.floor(turned / width).astype(jnp.int32)
         step = jnp.where(self.full_turn & (step >= self.beams), 0, step)
-        return jnp.minimum(step, self.beams - 1), step < self.beams
+        return jnp.clip(step, 0, jnp.maximum(self.beams - 1, 0)), step < self.beams
 
 
 def view(scan: Scan, segments: Segments, surface: Surface, config: ViewConfig) -> View:

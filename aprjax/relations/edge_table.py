@@ -4,7 +4,7 @@ Edges as long as a given one are neighbours in it, so that a query's correspondi
 references are a few contiguous slices. `aprjax.relations.index_table` is its definition.
 """
 
-from typing import Self
+from typing import NamedTuple, Self
 
 import equinox as eqx
 import jax
@@ -14,26 +14,28 @@ from jaxtyping import Array, Float, Int
 
 from aprjax.relations.graph import AnchorGraph
 
-SLICE = 256
-"""Edges that may be read past the last one, so that slices of this many need no special case."""
 
+class Geometry(NamedTuple):
+    """Where edges lie, in the frame of their reference."""
 
-class EdgeTable(eqx.Module):
-    """Undirected edges, shortest first. Slots without one come last and are infinitely long.
-
-    Coordinates are arrays of their own: XLA on a CPU vectorises no arithmetic on a stack of them.
-    """
-
-    length: Float[Array, "*edges"]
-    """d in metres."""
     x: Float[Array, "*edges"]
-    """Of the middle of each edge, in metres, in the frame of its reference."""
+    """Of the middle of each edge, in metres."""
     y: Float[Array, "*edges"]
     cos: Float[Array, "*edges"]
     """Of its direction, in [0, π]: an edge has no sense."""
     sin: Float[Array, "*edges"]
     direction: Float[Array, "*edges"]
     """Radians."""
+
+
+class EdgeTable(eqx.Module):
+    """Undirected edges, shortest first. Slots without one come last and are infinitely long."""
+
+    length: Float[Array, "*edges"]
+    """d in metres."""
+    geometry: Float[Array, "*fields_and_edges"]
+    """Coordinate by coordinate, as `Geometry` names them: a single array because what reads many
+    is not vectorised by XLA on a CPU."""
     row: Int[Array, "*edges"]
     """The reference that the edge belongs to."""
 
@@ -41,8 +43,8 @@ class EdgeTable(eqx.Module):
     def build(cls, graphs: AnchorGraph) -> Self:
         """The table of stacked graphs `(rows, ...)` on the host.
 
-        It has a slot for every edge that the capacities allow, and `SLICE` more: its shape
-        depends on theirs alone.
+        It has a slot for every edge that the capacities allow: its shape depends on theirs
+        alone.
         """
         anchors = graphs.xy.shape[-2]
         a, b = np.triu_indices(anchors, k=1)
@@ -56,22 +58,14 @@ class EdgeTable(eqx.Module):
         x, y = 0.5 * (xy[row, start] + xy[row, stop]).T
 
         def padded(values: np.ndarray, fill: float = 0) -> Array:
-            missing = valid.size + SLICE - len(row)
-            return jax.device_put(np.pad(values, (0, missing), constant_values=fill))
+            missing = [(0, 0)] * (values.ndim - 1) + [(0, valid.size - len(row))]
+            return jax.device_put(np.pad(values, missing, constant_values=fill))
 
         return cls(
             length=padded(np.asarray(graphs.length)[row, start, stop], fill=np.inf),
-            x=padded(x),
-            y=padded(y),
-            cos=padded(cos),
-            sin=padded(sin),
-            direction=padded(np.arctan2(sin, cos)),
+            geometry=padded(np.stack(Geometry(x, y, cos, sin, np.arctan2(sin, cos)))),
             row=padded(row.astype(np.int32)),
         )
-
-    def slice(self, start: Int[Array, ""]) -> Self:
-        """The `SLICE` edges from `start` on."""
-        return jax.tree.map(lambda array: jax.lax.dynamic_slice_in_dim(array, start, SLICE), self)
 
     def window(
         self, length: Float[Array, "*k"], tolerance: Float[Array, ""]

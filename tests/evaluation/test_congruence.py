@@ -11,7 +11,7 @@ from aprjax.evaluation.congruence import (
     quality,
     sees,
 )
-from aprjax.evaluation.screen import ScreenConfig, screen, sketch
+from aprjax.evaluation.screen import ScreenConfig, SketchConfig, screen, sketch
 from aprjax.references import ReferenceSet
 from aprjax.se2 import inverse
 from tests.make_logs import _near
@@ -32,10 +32,9 @@ def _compare(reference, query, T_ref_query):
     seen = sees(reference, T_ref_query[:2]), sees(query, inverse(T_ref_query)[:2])
     anchors = jnp.int32(ANCHORS)
     e_m = quality(ahead, back, *seen, anchors, config.quality)
-    rough_config = ScreenConfig()
-    ours, theirs = sketch(query, rough_config), sketch(reference, rough_config)
+    ours, theirs = sketch(query, SketchConfig()), sketch(reference, SketchConfig())
     stacked = jax.tree.map(lambda array: array[None], theirs)
-    rough = screen(stacked, jnp.int32(0), ours, T_ref_query, anchors, rough_config)
+    rough = screen(stacked, jnp.int32(0), ours, T_ref_query, anchors, ScreenConfig())
     return ahead, back, seen, e_m, rough
 
 
@@ -176,11 +175,11 @@ def verdicts(agree, contradict, extent=4.0):
 def test_the_extent_is_the_spread_of_the_end_points_that_agree():
     xy = np.random.default_rng(0).normal(0, 2, (20, 2)).astype(np.float32)
     agree = np.arange(20) % 3 == 0
-    found = Verdicts.count(agree, ~agree, np.ones(20, bool), xy)
+    found = Verdicts.count(agree, ~agree, np.ones(20, bool), *xy.T)
     spread = np.sqrt(np.mean(np.sum((xy[agree] - xy[agree].mean(axis=0)) ** 2, axis=1)))
     np.testing.assert_allclose(found.extent, spread, rtol=1e-5)
     assert (found.agree, found.contradict, found.hits) == (7, 13, 20)
-    nothing = Verdicts.count(np.zeros(20, bool), agree, np.ones(20, bool), xy)
+    nothing = Verdicts.count(np.zeros(20, bool), agree, np.ones(20, bool), *xy.T)
     assert nothing.extent == nothing.agree == 0
 
 

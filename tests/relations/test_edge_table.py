@@ -2,7 +2,7 @@ import jax
 import numpy as np
 import pytest
 
-from aprjax.relations.edge_table import SLICE, EdgeTable
+from aprjax.relations.edge_table import EdgeTable, Geometry
 from aprjax.relations.index_table import IndexTable
 from tests.relations.graphs import graph, scattered, stacked
 
@@ -34,13 +34,14 @@ def test_edges_come_in_the_order_of_the_index_table(table, definition):
 
 
 def test_each_edge_has_its_middle_and_its_direction_in_half_a_turn(table, definition, graphs):
+    edge = Geometry(*table.geometry)
     for k, (row, (a, b)) in enumerate(zip(definition.reference, definition.ends, strict=True)):
         p, q = np.float64(graphs.xy[row, [a, b]])
-        np.testing.assert_allclose((table.x[k], table.y[k]), (p + q) / 2, atol=1e-5)
+        np.testing.assert_allclose((edge.x[k], edge.y[k]), (p + q) / 2, atol=1e-5)
         direction = np.arctan2(*(q - p)[::-1]) % np.pi
-        np.testing.assert_allclose(table.direction[k], direction, atol=1e-5)
+        np.testing.assert_allclose(edge.direction[k], direction, atol=1e-5)
         unit = np.cos(direction), np.sin(direction)
-        np.testing.assert_allclose((table.cos[k], table.sin[k]), unit, atol=1e-5)
+        np.testing.assert_allclose((edge.cos[k], edge.sin[k]), unit, atol=1e-5)
 
 
 @pytest.mark.parametrize("tolerance", [0.0, 0.09, 0.5])
@@ -60,18 +61,10 @@ def test_padding_is_infinitely_long_and_in_no_window(table):
     count = sum(EDGES)
     assert np.isposinf(table.length[count:]).all()
     for leaf in jax.tree.leaves(table):
-        assert leaf.shape == (len(COUNTS) * 120 + SLICE,)
-    for leaf in (table.x, table.y, table.cos, table.sin, table.direction):
-        assert np.isfinite(leaf).all()
+        assert leaf.shape[-1] == len(COUNTS) * 120
+    assert np.isfinite(table.geometry).all()
     _, end = window(table, np.float32([1e6]), np.float32(1e9))
     assert end[0] == count
-
-
-def test_slices_may_begin_at_the_last_edge(table):
-    start = sum(EDGES) - 1
-    part = jax.jit(EdgeTable.slice)(table, np.int32(start))
-    assert part.length.shape == (SLICE,)
-    np.testing.assert_array_equal(part.length, table.length[start : start + SLICE])
 
 
 def test_references_without_edges_have_no_row_in_the_table(table):
