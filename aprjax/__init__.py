@@ -4,6 +4,7 @@ from aprjax.batch import match as match
 from aprjax.batch import match_batch as match_batch
 from aprjax.compilation import cache_compilations as cache_compilations
 from aprjax.compilation import warm_up as warm_up
+from aprjax.explanation.report import explain as explain
 from aprjax.features import FeatureConfig as FeatureConfig
 from aprjax.grid.drawing import grid_from_scans as grid_from_scans
 from aprjax.grid.occupancy_grid import OccupancyGrid as OccupancyGrid

@@ -24,6 +24,8 @@ from aprjax.anchors.segment import segment
 from aprjax.anchors.surface import surface
 from aprjax.metrics import reappearing, relative
 from aprjax.plot.anchors import draw_anchors
+from aprjax.plot.scan import draw_scan
+from aprjax.relations.graph import anchor_graph
 
 FIGURE = (("freiburg-079", 117), ("fhw", 54), ("intel", 364))
 LOGS = ("freiburg-079", "intel")
@@ -167,8 +169,10 @@ def figure1(examples: list[tuple[str, int, aprjax.Scan, Anchors]], path: Path) -
     figure = Figure(figsize=(10.5, 5 * rows), layout="constrained")
     grid = figure.subplots(rows, 2, sharex="row", sharey="row", squeeze=False)
     for (left, right), (name, index, scan, anchors) in zip(grid, examples, strict=True):
-        draw_anchors(scan, anchors, ax=(left, right))
-        left.set_title(f"{name}, scan {index}: {left.get_title().lower()}", fontsize=10)
+        draw_scan(scan, ax=left)
+        draw_anchors(anchors, ax=left)
+        draw_anchors(anchors, anchor_graph(anchors), ax=right)
+        left.set_title(f"{name}, scan {index}: {left.get_title()}", fontsize=10)
     write_figure(figure, path)
 
 

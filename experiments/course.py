@@ -227,7 +227,7 @@ def draw_cycles(told: Course, beliefs: Sequence[Belief]) -> Figure:
     panels = figure.subplots(2, 2).flat
     for ax, cycle in zip(panels, CYCLES, strict=True):
         belief = beliefs[min(cycle, len(beliefs)) - 1]
-        draw_hypotheses(told.world, frame, belief, f"after cycle {cycle}", ax)
+        draw_hypotheses(told.world, frame, belief, f"after cycle {cycle}", ax=ax)
     return figure
 
 

@@ -32,6 +32,7 @@ import aprjax
 from aprjax.configuration import to_dict
 from aprjax.io.carmen import LogEntry
 from aprjax.io.trajectory import read_tum
+from aprjax.plot.style import figure_of
 from aprjax.plot.world import draw_world
 from aprjax.world.build import MapConfig, build_map
 from aprjax.world.model import WorldModel
@@ -106,7 +107,9 @@ def main() -> int:
     for name in names:
         row, world = figures(name, timed=not arguments.quick)
         rows.append(row)
-        write_figure(draw_world(world, relax(world)), arguments.out / f"{name}.png", dpi=130)
+        write_figure(
+            figure_of(draw_world(world, relax(world))), arguments.out / f"{name}.png", dpi=130
+        )
         write_table(rows, arguments.out / "maps.csv")
         jax.clear_caches()  # the next log's scans have other shapes
     print_table(rows)

@@ -28,6 +28,7 @@ import aprjax
 from aprjax.io.trajectory import read_tum
 from aprjax.metrics import deviations, is_right, world_poses
 from aprjax.plot.grid import draw_grid
+from aprjax.plot.style import figure_of
 
 LEAST = 0.90
 NEAR, TURNED = 2.0, np.radians(40.0)  # of a build pose from a mapped scan
@@ -77,10 +78,10 @@ def main() -> int:
     }
     print_table([row])
     write_table([row], arguments.out / "occupancy_grid.csv")
-    figure = draw_grid(
+    drawn = draw_grid(
         grid, references.T_world_ref, right=T_world_track[right], wrong=T_world_track[~right]
     )
-    write_figure(figure, arguments.out / "grid.png")
+    write_figure(figure_of(drawn), arguments.out / "grid.png")
     return 0 if right[mapped].mean() >= LEAST else 1
 
 

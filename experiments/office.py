@@ -29,6 +29,7 @@ from map_scores import frame_rms, score_map
 from outputs import print_table, write_configuration, write_figure, write_table
 
 from aprjax.configuration import to_dict
+from aprjax.plot.style import figure_of
 from aprjax.plot.world import draw_world
 from aprjax.sim.laser import Laser, take_scans
 from aprjax.sim.odometry import OdometryConfig, odometry
@@ -222,7 +223,8 @@ def main() -> int:
     for seed in seeds:
         row, world = run(seed, arguments.quick)
         rows.append(row)
-        write_figure(draw_world(world, relax(world)), arguments.out / f"office-{seed}.png", dpi=130)
+        drawn = draw_world(world, relax(world))
+        write_figure(figure_of(drawn), arguments.out / f"office-{seed}.png", dpi=130)
         write_table(rows, arguments.out / "office.csv")
     print_table(rows)
     write_configuration(arguments.out, seeds=list(seeds), map=to_dict(MapConfig()))

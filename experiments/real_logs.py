@@ -46,6 +46,7 @@ from aprjax.metrics import (
 )
 from aprjax.plot.map import draw_map
 from aprjax.plot.reliability import draw_reliability
+from aprjax.plot.style import figure_of
 
 CHOICES: dict[str, int | None] = {"1": 1, "5": 5, "all": None}  # references aligned
 SIX = (
@@ -176,20 +177,21 @@ def reliability_figure(outcomes: list[Outcome]) -> Figure:
     for ax in axes.flat[len(outcomes) :]:
         ax.remove()
     for outcome, ax in zip(outcomes, axes.flat, strict=False):
-        draw_reliability(outcome.probability, outcome.right, outcome.split.name, ax)
+        draw_reliability(outcome.probability, outcome.right, outcome.split.name, ax=ax)
     return figure
 
 
 def map_figure(outcome: Outcome) -> Figure:
     """The answers that may be acted on, over what the reference scans saw."""
     confident = np.asarray(outcome.result.confident)
-    return draw_map(
+    drawn = draw_map(
         seen_points(outcome.split.references, outcome.split.T_world_ref),
         outcome.split.T_world_ref,
         outcome.poses,
         confident & outcome.right,
         confident & ~outcome.right,
     )
+    return figure_of(drawn)
 
 
 def seen_points(scans: aprjax.Scan, T_world_laser: np.ndarray) -> np.ndarray:

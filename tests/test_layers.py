@@ -39,6 +39,7 @@ ORDER = [
     "world",
     "tracking",
     "plot",
+    "explanation",
     "aprjax",
     "cli",
 ]

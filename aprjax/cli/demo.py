@@ -9,7 +9,7 @@ from pathlib import Path
 
 import jax
 import numpy as np
-from matplotlib.figure import Figure
+from matplotlib.artist import Artist
 
 from aprjax.batch import match
 from aprjax.cli.lab import add_lab_options, build_lab
@@ -20,6 +20,7 @@ from aprjax.matcher import MatchConfig, MatchResult
 from aprjax.metrics import RIGHT_ANGLE, RIGHT_DISTANCE, is_right, world_poses
 from aprjax.plot.map import draw_map
 from aprjax.plot.match import draw_match
+from aprjax.plot.style import figure_of
 from aprjax.references import ReferenceSet
 from aprjax.scan import Scan
 from aprjax.sim.lab import Lab
@@ -162,19 +163,19 @@ def _write(folder: Path, lab: Lab, columns: list[Column]) -> None:
         for column in columns:
             table.writerow((column.name, *(cell.removesuffix(" ms") for cell in column.cells())))
     everything = columns[-1]
-    figure = draw_map(
+    drawn = draw_map(
         lab.plan.world(),
         lab.references.T_world_laser,
         everything.T_world_query,
         everything.correct,
         everything.false,
     )
-    _save(figure, folder / "map.png")
+    _save(drawn, folder / "map.png")
     if everything.correct.any():
         _save(_example(lab, everything), folder / "match.png")
 
 
-def _example(lab: Lab, column: Column) -> Figure:
+def _example(lab: Lab, column: Column) -> list[Artist]:
     """Of the correct answers, one of high e_m that was taken a metre or more from its reference."""
     result = column.result
     away = np.hypot(*result.T_ref_query[:, 0, :2].T)
@@ -188,7 +189,7 @@ def _example(lab: Lab, column: Column) -> Figure:
     )
 
 
-def _save(figure: Figure, path: Path) -> None:
+def _save(drawn: list[Artist], path: Path) -> None:
     with atomic_write(path, "wb") as file:
-        figure.savefig(file, format="png", dpi=_DPI)
+        figure_of(drawn).savefig(file, format="png", dpi=_DPI)
     print(path, file=sys.stderr)

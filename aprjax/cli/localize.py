@@ -19,6 +19,7 @@ from aprjax.io.log import LogEntry
 from aprjax.io.tables import HypothesisRow, write_hypotheses
 from aprjax.io.trajectory import write_tum
 from aprjax.plot.hypotheses import draw_hypotheses, picture_of
+from aprjax.plot.style import figure_of
 from aprjax.tracking.apr import MatchedSource
 from aprjax.tracking.belief import Belief, Situation
 from aprjax.tracking.classes import scan_source
@@ -185,7 +186,8 @@ def _draw(folder: Path, world: WorldModel, beliefs: list[Belief], cycles: tuple[
     frame = assemble(world)
     for cycle in cycles:
         if cycle <= len(beliefs):
-            figure = draw_hypotheses(world, frame, beliefs[cycle - 1], f"after cycle {cycle}")
+            belief, title = beliefs[cycle - 1], f"after cycle {cycle}"
+            figure = figure_of(draw_hypotheses(world, frame, belief, title))
             with atomic_write(folder / f"cycle-{cycle:04d}.png", "wb") as file:
                 figure.savefig(file, format="png", dpi=_DPI)
 
@@ -197,8 +199,8 @@ def _animate(path: Path, world: WorldModel, beliefs: list[Belief]) -> None:
     pictures = []
     with Progress("drawing", len(shown)) as progress:
         for scan in shown:
-            figure = draw_hypotheses(world, frame, beliefs[scan], f"after cycle {scan + 1}")
-            pictures.append(picture_of(figure, _FILM_DPI))
+            drawn = draw_hypotheses(world, frame, beliefs[scan], f"after cycle {scan + 1}")
+            pictures.append(picture_of(figure_of(drawn), _FILM_DPI))
             progress.advance(1)
     with atomic_write(path, "wb") as file:
         pictures[0].save(

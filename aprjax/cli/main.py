@@ -9,7 +9,7 @@ import os
 import sys
 from collections.abc import Sequence
 
-from aprjax.cli import demo, info, localize, match, simulate
+from aprjax.cli import demo, explain, info, localize, match, simulate
 from aprjax.cli import map as map_
 from aprjax.cli.errors import CommandError
 from aprjax.compilation import cache_compilations
@@ -52,7 +52,7 @@ def _parser() -> argparse.ArgumentParser:
         help="keep what is compiled for later runs, in ~/.cache/aprjax or $XDG_CACHE_HOME/aprjax",
     )
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for command in (demo, match, map_, localize, simulate, info):
+    for command in (demo, match, explain, map_, localize, simulate, info):
         command.add_command(commands)
     return parser
 

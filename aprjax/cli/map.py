@@ -16,6 +16,7 @@ from aprjax.cli.outputs import check_output
 from aprjax.cli.progress import Progress
 from aprjax.io.atomic import atomic_write
 from aprjax.io.pose_graph import pose_graph_text
+from aprjax.plot.style import figure_of
 from aprjax.plot.world import draw_world
 from aprjax.world import export
 from aprjax.world.build import build_map
@@ -137,7 +138,7 @@ def _build(arguments: argparse.Namespace) -> None:
 def _show(arguments: argparse.Namespace) -> None:
     check_output(arguments.out, arguments.map)
     world = open_map(arguments.map)
-    figure = draw_world(world, _frame(world, arguments), scans=not arguments.no_scans)
+    figure = figure_of(draw_world(world, _frame(world, arguments), scans=not arguments.no_scans))
     with atomic_write(arguments.out, "wb") as file:
         figure.savefig(file, format="png", dpi=_DPI)
 

@@ -1,14 +1,22 @@
 """The paper's Fig. 3: a run over a floor, and where matching said that it went."""
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection, LineCollection, PolyCollection
-from matplotlib.figure import Figure
 
-from aprjax.plot.style import add_legend, figure_of, frame, prepare
+from aprjax.plot.style import (
+    FLOOR,
+    REFERENCE,
+    add_legend,
+    draw_poses,
+    frame,
+    new_axes,
+    prepare,
+)
 from aprjax.sim.world import World
 
-_PLAN, _REFERENCE, _CORRECT, _FALSE = "#c9c4ba", "#1f5fa8", "#8a8a8a", "#000000"
+_CORRECT, _FALSE = "#8a8a8a", "#000000"
 _TICK = 0.55  # metres, for a reference's heading
 # Metres, forward and left: an estimate's triangle, its tip ahead, on a floor of up to `_SPAN`.
 _SPAN = 25.0
@@ -21,8 +29,9 @@ def draw_map(
     T_world_query: np.ndarray,
     correct: np.ndarray,
     false: np.ndarray,
+    *,
     ax: Axes | None = None,
-) -> Figure:
+) -> list[Artist]:
     """Draw a run's global matches over the floor, in the floor's frame.
 
     `floor` is a plan, drawn in light lines, or what scans saw of it, `(points, 2)` in metres,
@@ -30,94 +39,72 @@ def draw_map(
     points with a tick along the heading; `T_world_query` `(queries, 3)` are the estimates in the
     order of the run, in metres and radians. Those under `correct` are grey
     triangles and those under `false` black ones, masks `(queries,)`; the others are not drawn,
-    but a line bridges the gap they leave between two correct ones. `ax` defaults to the axes of a
-    new figure. Returns the figure, which belongs to no window.
+    but a line bridges the gap they leave between two correct ones.
     """
     seen = np.asarray(floor.segments).reshape(-1, 2) if isinstance(floor, World) else floor
-    ax = _new_axes(seen) if ax is None else ax
+    ax = new_axes(seen) if ax is None else ax
     prepare(ax)
     ax.grid(False)
     if isinstance(floor, World):
-        _draw_world(ax, np.asarray(floor.segments), np.asarray(floor.circles))
+        drawn = _draw_world(ax, np.asarray(floor.segments), np.asarray(floor.circles))
     else:
         # As pixels and not as vectors: there are tens of thousands.
-        ax.plot(*floor.T, ls="", marker=",", color=_PLAN, zorder=1, rasterized=True)
-
-    _draw_references(ax, T_world_ref)
+        drawn: list[Artist] = [
+            *ax.plot(*floor.T, ls="", marker=",", color=FLOOR, zorder=1, rasterized=True)
+        ]
+    drawn += draw_poses(
+        ax, T_world_ref, REFERENCE, "reference scans", tick=_TICK, size=26, zorder=6
+    )
     found, wrong = T_world_query[np.asarray(correct)], T_world_query[np.asarray(false)]
     size = max(1.0, np.ptp(seen, axis=0).max() / _SPAN) if len(seen) else 1.0
-    _draw_triangles(ax, found, size, _CORRECT, "correct", zorder=3)
-    _draw_triangles(ax, wrong, size, _FALSE, "false", zorder=5)
-    _draw_gaps(ax, T_world_query, np.flatnonzero(correct))
+    drawn += _draw_triangles(ax, found, size, _CORRECT, "correct", zorder=3)
+    drawn += _draw_triangles(ax, wrong, size, _FALSE, "false", zorder=5)
+    drawn += _draw_gaps(ax, T_world_query, np.flatnonzero(correct))
     frame(ax, seen, T_world_ref[:, :2], found[:, :2], wrong[:, :2])
     add_legend(ax)
-    return figure_of(ax)
+    return drawn
 
 
-def _new_axes(seen: np.ndarray) -> Axes:
-    """Axes of a new figure as high as it takes to show the points `(n, 2)` 10 inches wide."""
-    width, height = np.ptp(seen, axis=0) if len(seen) else (1.0, 1.0)
-    inches = float(np.clip(10.0 * (height + 1.0) / (width + 1.0), 2.0, 12.0))
-    return Figure(figsize=(10.8, inches + 1.1), layout="constrained").add_subplot()
-
-
-def _draw_world(ax: Axes, segments: np.ndarray, circles: np.ndarray) -> None:
-    ax.add_collection(LineCollection(list(segments), colors=_PLAN, linewidths=0.8, zorder=1))
+def _draw_world(ax: Axes, segments: np.ndarray, circles: np.ndarray) -> list[Artist]:
+    walls = LineCollection(list(segments), colors=FLOOR, linewidths=0.8, zorder=1)
     x, y, radius = circles[circles[:, 2] > 0].T
-    ax.add_collection(
-        EllipseCollection(
-            2 * radius,
-            2 * radius,
-            np.zeros(len(radius)),
-            units="xy",
-            offsets=np.stack([x, y], axis=-1),
-            offset_transform=ax.transData,
-            facecolors="none",
-            edgecolors=_PLAN,
-            linewidths=0.6,
-            zorder=1,
-        )
-    )
-
-
-def _draw_references(ax: Axes, poses: np.ndarray) -> None:
-    heading = np.stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])], axis=-1)
-    ticks = np.stack([poses[:, :2], poses[:, :2] + _TICK * heading], axis=1)
-    ax.add_collection(LineCollection(list(ticks), colors=_REFERENCE, linewidths=1.4, zorder=6))
-    ax.scatter(
-        *poses[:, :2].T,
-        s=26,
-        c=_REFERENCE,
-        edgecolors="white",
+    round_things = EllipseCollection(
+        2 * radius,
+        2 * radius,
+        np.zeros(len(radius)),
+        units="xy",
+        offsets=np.stack([x, y], axis=-1),
+        offset_transform=ax.transData,
+        facecolors="none",
+        edgecolors=FLOOR,
         linewidths=0.6,
-        label=f"reference scans ({len(poses)})",
-        zorder=6,
+        zorder=1,
     )
+    return [ax.add_collection(walls), ax.add_collection(round_things)]
 
 
 def _draw_triangles(
     ax: Axes, poses: np.ndarray, size: float, colour: str, label: str, zorder: int
-) -> None:
+) -> list[Artist]:
     cos, sin = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])
     ahead, left = size * _TRIANGLE.T
     turned = np.stack([cos * ahead - sin * left, sin * ahead + cos * left], axis=-1)
-    ax.add_collection(
-        PolyCollection(
-            list(poses[:, None, :2] + turned),
-            facecolors=colour,
-            edgecolors="white",
-            linewidths=0.25,
-            zorder=zorder,
-        )
+    triangles = PolyCollection(
+        list(poses[:, None, :2] + turned),
+        facecolors=colour,
+        edgecolors="white",
+        linewidths=0.25,
+        zorder=zorder,
     )
     # A collection of polygons would be a rectangle in the legend.
-    ax.plot([], [], ls="", marker=">", color=colour, label=f"{label} ({len(poses)})")
+    named = ax.plot([], [], ls="", marker=">", color=colour, label=f"{label} ({len(poses)})")
+    return [ax.add_collection(triangles), *named]
 
 
-def _draw_gaps(ax: Axes, poses: np.ndarray, found: np.ndarray) -> None:
+def _draw_gaps(ax: Axes, poses: np.ndarray, found: np.ndarray) -> list[Artist]:
     """Lines between estimates that follow each other in `found` but not in the run."""
     before = np.flatnonzero(np.diff(found) > 1)
     gaps = np.stack([poses[found[before], :2], poses[found[before + 1], :2]], axis=1)
     lines = LineCollection(list(gaps), colors=_CORRECT, linewidths=0.9, zorder=2)
     lines.set_label("no match between")
-    ax.add_collection(lines)
+    return [ax.add_collection(lines)]

@@ -3,8 +3,8 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from aprjax.evaluation.congruence import sees
 from aprjax.evaluation.synthetic_scan import synthetic_scan
@@ -15,7 +15,7 @@ from aprjax.plot.style import (
     draw_anchors_by_kind,
     draw_laser,
     draw_points,
-    figure_of,
+    new_axes,
     prepare,
 )
 from aprjax.references import ReferenceSet
@@ -31,15 +31,15 @@ def draw_match(
     T_ref_query: Pose,
     quality: float | None = None,
     config: FeatureConfig | None = None,
+    *,
     ax: Axes | None = None,
-) -> Figure:
+) -> list[Artist]:
     """Draw a query scan over a reference scan, in the reference's frame.
 
     `T_ref_query` `(3,)` is the pose to show, in metres and radians, and `quality` its e_m for the
     title. Anchors of the reference are hollow, those of the query filled. The synthetic scan is
     that of the scan with the better overview, which contains the other's sensing position; where
-    both or neither do, the reference's. `config` says how the scans are described, and `ax`
-    defaults to the axes of a new figure. Returns the figure, which belongs to no window.
+    both or neither do, the reference's. `config` says how the scans are described.
     """
     T_ref_query = jnp.asarray(T_ref_query, jnp.float32)
     # As a set of two, so that what was compiled for matching serves here too.
@@ -47,11 +47,11 @@ def draw_match(
     reference, query = (jax.tree.map(lambda array: array[i], both) for i in (0, 1))  # noqa: B023
     xy_reference = np.asarray(reference.view.xy)[np.asarray(reference.view.hit)]
     xy_query = np.asarray(transform(T_ref_query, query.view.xy))[np.asarray(query.view.hit)]
-    ax = _new_axes(np.concatenate([xy_reference, xy_query])) if ax is None else ax
+    ax = new_axes(np.concatenate([xy_reference, xy_query]), 7.2) if ax is None else ax
     prepare(ax)
-    draw_points(ax, xy_reference, _REFERENCE, "reference", size=10)
+    drawn = draw_points(ax, xy_reference, _REFERENCE, "reference", size=10)
     synthetic, source = _synthetic(reference.view, query.view, T_ref_query)
-    ax.scatter(
+    rings = ax.scatter(
         *synthetic.T,
         s=16,
         facecolors="none",
@@ -59,24 +59,20 @@ def draw_match(
         linewidths=0.7,
         label=f"synthetic, from the {source}",
     )
-    draw_points(ax, xy_query, _QUERY, "query", size=6)
-    draw_anchors_by_kind(ax, reference.anchors, np.asarray(reference.anchors.xy), filled=False)
+    drawn.append(rings)
+    drawn += draw_points(ax, xy_query, _QUERY, "query", size=6)
+    drawn += draw_anchors_by_kind(
+        ax, reference.anchors, np.asarray(reference.anchors.xy), filled=False
+    )
     moved = np.asarray(transform(T_ref_query, query.anchors.xy))
-    draw_anchors_by_kind(ax, query.anchors, moved)
-    draw_laser(ax, np.zeros(3), _REFERENCE)
-    draw_laser(ax, np.asarray(T_ref_query), _QUERY)
+    drawn += draw_anchors_by_kind(ax, query.anchors, moved)
+    drawn += draw_laser(ax, np.zeros(3), _REFERENCE)
+    drawn += draw_laser(ax, np.asarray(T_ref_query), _QUERY)
     x, y, theta = np.asarray(T_ref_query)
     place = f"x {x:.2f} m, y {y:.2f} m, θ {np.degrees(theta):.1f}°"
     ax.set_title(place if quality is None else f"e_m {quality:.2f}; {place}", fontsize=10)
     add_legend(ax)
-    return figure_of(ax)
-
-
-def _new_axes(xy: np.ndarray) -> Axes:
-    """Axes of a new figure as high as it takes to show the points `(points, 2)` 7 inches wide."""
-    width, height = np.ptp(xy, axis=0) if len(xy) else (1.0, 1.0)
-    inches = float(np.clip(7.0 * (height + 1.0) / (width + 1.0), 2.0, 8.0))
-    return Figure(figsize=(8.0, inches + 1.5), layout="constrained").add_subplot()
+    return drawn
 
 
 def _synthetic(reference: View, query: View, T_ref_query: Pose) -> tuple[np.ndarray, str]:

@@ -1,18 +1,18 @@
 """Reliability diagrams: how often hypotheses are right, over the probability they claim."""
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aprjax.metrics import reliability
-from aprjax.plot.style import figure_of
 
 _DOTS, _LINE = "#d9480f", "#999999"
 
 
 def draw_reliability(
-    probability: np.ndarray, right: np.ndarray, title: str = "", ax: Axes | None = None
-) -> Figure:
+    probability: np.ndarray, right: np.ndarray, title: str = "", *, ax: Axes | None = None
+) -> list[Artist]:
     """Draw the share of right hypotheses in ten bins of probability; both arrays are `(n,)`.
 
     The area of a dot grows with the number of hypotheses in its bin, which stands beside it.
@@ -20,13 +20,14 @@ def draw_reliability(
     bins = reliability(probability, right)
     if ax is None:
         ax = Figure(figsize=(4, 4), layout="constrained").add_subplot()
-    ax.plot([0, 1], [0, 1], color=_LINE, linewidth=0.8, zorder=1)
+    drawn: list[Artist] = [*ax.plot([0, 1], [0, 1], color=_LINE, linewidth=0.8, zorder=1)]
     area = 15 + 285 * bins.count / max(bins.count.max(initial=1), 1)
-    ax.scatter(bins.claimed, bins.right, s=area, color=_DOTS, alpha=0.7, zorder=2)
-    for x, y, count in zip(bins.claimed, bins.right, bins.count, strict=True):
-        ax.annotate(
-            str(count), (x, y), textcoords="offset points", xytext=(0, -15), ha="center", fontsize=7
-        )
+    drawn.append(ax.scatter(bins.claimed, bins.right, s=area, color=_DOTS, alpha=0.7, zorder=2))
+    below = {"textcoords": "offset points", "xytext": (0, -15), "ha": "center", "fontsize": 7}
+    drawn += [
+        ax.annotate(str(count), (x, y), **below)
+        for x, y, count in zip(bins.claimed, bins.right, bins.count, strict=True)
+    ]
     ax.set(xlim=(-0.12, 1.12), ylim=(-0.12, 1.12), xlabel="probability", ylabel="share right")
     ax.set_title(f"{title}  error {bins.error:.3f}".strip(), fontsize=9)
-    return figure_of(ax)
+    return drawn

@@ -6,6 +6,7 @@ from matplotlib.collections import EllipseCollection, LineCollection, PolyCollec
 from matplotlib.figure import Figure
 
 from aprjax.plot.map import draw_map
+from aprjax.plot.style import figure_of
 from aprjax.sim.world import World
 
 ROOM = [[[0, 0], [8, 0]], [[8, 0], [8, 5]], [[8, 5], [0, 5]], [[0, 5], [0, 0]]]
@@ -18,7 +19,7 @@ FALSE = np.arange(13) == 7
 
 @pytest.fixture
 def figure():
-    return draw_map(WORLD, REFERENCES, COURSE, CORRECT, FALSE)
+    return figure_of(draw_map(WORLD, REFERENCES, COURSE, CORRECT, FALSE))
 
 
 def artists(figure, kind):
@@ -50,9 +51,8 @@ def test_each_estimate_is_a_triangle_around_its_place_that_points_ahead(figure):
 
 def test_triangles_turn_with_the_heading():
     poses = np.stack([COURSE[:, 0], COURSE[:, 1], np.linspace(-3, 3, 13)], axis=-1)
-    correct, _ = triangles(
-        draw_map(WORLD, REFERENCES, poses, np.full(13, True), np.full(13, False))
-    )
+    drawn = draw_map(WORLD, REFERENCES, poses, np.full(13, True), np.full(13, False))
+    correct, _ = triangles(figure_of(drawn))
     tips = correct[:, 0] - poses[:, :2]
     np.testing.assert_allclose(np.arctan2(tips[:, 1], tips[:, 0]), poses[:, 2], atol=1e-6)
 
@@ -93,14 +93,14 @@ def test_the_axes_are_in_metres_of_one_scale_with_a_legend_outside(figure, tmp_p
 
 def test_a_run_without_any_match_and_an_empty_plan(tmp_path):
     nothing = np.full(13, False)
-    figure = draw_map(World.make(), REFERENCES, COURSE, nothing, nothing)
+    figure = figure_of(draw_map(World.make(), REFERENCES, COURSE, nothing, nothing))
     assert [len(each) for each in triangles(figure)] == [0, 0]
     figure.savefig(tmp_path / "map.png", dpi=50)
 
 
 def test_what_scans_saw_may_stand_for_the_plan(tmp_path):
     points = np.random.default_rng(0).uniform(0, 8, (50, 2))
-    figure = draw_map(points, REFERENCES, COURSE, CORRECT, FALSE)
+    figure = figure_of(draw_map(points, REFERENCES, COURSE, CORRECT, FALSE))
     (ax,) = figure.axes
     np.testing.assert_array_equal(ax.lines[0].get_xydata(), points)
     assert [len(each) for each in triangles(figure)] == [6, 1]
@@ -109,7 +109,7 @@ def test_what_scans_saw_may_stand_for_the_plan(tmp_path):
 
 def test_triangles_grow_with_the_floor():
     small, large = (
-        triangles(draw_map(size * np.eye(2), REFERENCES, COURSE, CORRECT, FALSE))[0]
+        triangles(figure_of(draw_map(size * np.eye(2), REFERENCES, COURSE, CORRECT, FALSE)))[0]
         for size in (20.0, 100.0)
     )
     across = [np.ptp(corners, axis=1).max() for corners in (small, large)]
@@ -117,7 +117,6 @@ def test_triangles_grow_with_the_floor():
 
 
 def test_given_axes_are_used():
-    figure = Figure()
-    ax = figure.subplots()
-    assert draw_map(WORLD, REFERENCES, COURSE, CORRECT, FALSE, ax=ax) is figure
-    assert ax.has_data()
+    ax = Figure().subplots()
+    drawn = draw_map(WORLD, REFERENCES, COURSE, CORRECT, FALSE, ax=ax)
+    assert {artist.axes for artist in drawn} == {ax}

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
 
+from aprjax.plot.style import figure_of
 from aprjax.plot.world import draw_world
 from aprjax.scan import Scan
 from aprjax.world.model import WorldModel
@@ -25,10 +26,15 @@ def world():
     return world
 
 
-def lines(figure):
+def axes_of(drawn):
+    (ax,) = figure_of(drawn).axes
+    return ax
+
+
+def lines(drawn):
     return {
         each.get_label(): np.array(each.get_segments())
-        for each in figure.axes[0].collections
+        for each in drawn
         if isinstance(each, LineCollection)
     }
 
@@ -50,13 +56,13 @@ def test_references_look_where_their_lasers_looked(world):
 
 
 def test_scans_lie_before_their_references(world):
-    figure = draw_world(world, assemble(world))
-    points = figure.axes[0].collections[0].get_offsets()
+    ax = axes_of(draw_world(world, assemble(world)))
+    points = ax.collections[0].get_offsets()
     assert len(points) == 11
     np.testing.assert_allclose(np.hypot(*(points - [2, 0]).T), 3.0, rtol=1e-6)
 
 
 def test_nodes_that_the_frame_lacks_are_left_out(world):
     world.add_node(3)
-    figure = draw_world(world, assemble(world))
-    assert "nodes (3)" in figure.axes[0].get_legend_handles_labels()[1]
+    ax = axes_of(draw_world(world, assemble(world)))
+    assert "nodes (3)" in ax.get_legend_handles_labels()[1]

@@ -1,0 +1,101 @@
+"""`aprjax explain`: why one scan was answered as it was, as a page for a browser."""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from aprjax.cli.errors import CommandError
+from aprjax.cli.inputs import (
+    add_topic_options,
+    holds_references,
+    open_references,
+    read_scans,
+    warn_of_damage,
+)
+from aprjax.cli.outputs import check_output
+from aprjax.explanation.report import explain
+from aprjax.io.atomic import atomic_write
+from aprjax.matcher import MatchConfig
+from aprjax.references import ReferenceSet
+
+
+def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add the subcommand to those of the parser."""
+    parser = commands.add_parser(
+        "explain",
+        help="show how one scan was matched, as a page for a browser",
+        description="Match one scan of a log with all reference scans, and write a page that "
+        "shows why it was answered as it was: the scan, its hypotheses, and at which stage other "
+        "references fell out. The page is one file that needs no network.",
+    )
+    parser.add_argument(
+        "references",
+        type=Path,
+        metavar="REFERENCES",
+        help="a log or bag, or a saved reference file",
+    )
+    parser.add_argument("queries", type=Path, metavar="QUERIES", help="a log or bag")
+    parser.add_argument(
+        "--query", type=int, required=True, metavar="N", help="the scan's number, from 0"
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="F.html")
+    parser.add_argument(
+        "--about",
+        type=int,
+        action="append",
+        default=[],
+        metavar="ID",
+        help="also tell what became of this reference; may be repeated",
+    )
+    parser.add_argument(
+        "--exclude-self",
+        action="store_true",
+        help="leave out the reference of the scan's own number, for a log against itself",
+    )
+    parser.add_argument(
+        "--top-k",
+        type=int,
+        metavar="N",
+        help="references to compare, those of the highest preselection value (default: all)",
+    )
+    parser.add_argument(
+        "--no-cascade", action="store_true", help="go the paper's way: align all references"
+    )
+    add_topic_options(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Carry out the subcommand. Raises `CommandError` and `OSError`."""
+    path, topic, number = arguments.references, arguments.topic, arguments.query
+    check_output(arguments.out, path, arguments.queries)
+    queries, report = read_scans(arguments.queries, topic)
+    warn_of_damage(arguments.queries, report)
+    if not 0 <= number < len(queries):
+        raise CommandError(
+            f"{arguments.queries}: there is no scan {number}, only 0 to {len(queries) - 1}"
+        )
+    references = _references(path, topic)
+    own = [number] if arguments.exclude_self and np.isin(number, references.ids) else []
+    try:
+        text = explain(
+            queries[number],
+            references,
+            MatchConfig(top_k=arguments.top_k, cascade=not arguments.no_cascade),
+            exclude=own,
+            about=arguments.about,
+            title=f"{arguments.queries.name}, scan {number}, in {path.name}",
+        )
+    except ValueError as error:
+        raise CommandError(f"{path}: {error}") from None
+    with atomic_write(arguments.out) as file:
+        file.write(text)
+
+
+def _references(path: Path, topic: str | None) -> ReferenceSet:
+    if holds_references(path):
+        return open_references(path)
+    scans, report = read_scans(path, topic)
+    warn_of_damage(path, report)
+    return ReferenceSet.build(scans)

@@ -1,0 +1,303 @@
+"""An account of one query as an HTML page that needs nothing else: no script, no other file."""
+
+import base64
+import io
+from collections.abc import Iterable, Sequence
+from html import escape
+
+import jax
+import numpy as np
+from matplotlib.artist import Artist
+
+from aprjax.explanation.stages import Account, Fate, Stage
+from aprjax.matcher import MatchConfig
+from aprjax.plot.alignment import draw_correspondences, draw_matching_angles
+from aprjax.plot.anchors import draw_anchors
+from aprjax.plot.answer import draw_answer
+from aprjax.plot.match import draw_match
+from aprjax.plot.scan import draw_scan
+from aprjax.plot.style import figure_of
+from aprjax.references import ReferenceSet
+from aprjax.scan import Scan
+from aprjax.status import Status
+
+_OVERLAYS = 3  # hypotheses that are drawn
+_REJECTED = 2  # references without a hypothesis that are drawn, besides those asked about
+_ROWS = 12  # of them in the table
+_DPI = 80
+
+_SAYS = {
+    Status.OK: "There is an answer, and nothing else explains the scan as well.",
+    Status.AMBIGUOUS: "Another place explains the scan about as well as the best hypothesis.",
+    Status.CAPACITY_EXCEEDED: "There is an answer; the scan had more anchors than were used.",
+    Status.TOO_FEW_ANCHORS: "The scan shows fewer than two anchors: there is no edge to compare.",
+    Status.NO_CANDIDATE: "No reference shares enough edges with the scan to be aligned.",
+    Status.BELOW_THRESHOLD: "There were alignments, but none reached the least quality.",
+}
+
+_STYLE = """
+body { font: 15px/1.45 system-ui, sans-serif; color: #222; margin: 2em auto; max-width: 76em;
+       padding: 0 1em; }
+h1 { font-size: 1.5em; } h2 { font-size: 1.15em; margin-top: 2em; }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
+th, td { padding: .2em .7em; text-align: right; border-bottom: 1px solid #ddd; }
+th { font-weight: 600; vertical-align: bottom; } td.text, th.text { text-align: left; }
+figure { margin: 0; } figcaption { font-size: .9em; color: #555; }
+img { max-width: 100%; height: auto; }
+.wide { overflow-x: auto; }
+.pictures { display: grid; grid-template-columns: repeat(auto-fit, minmax(24em, 1fr)); gap: 1.5em;
+            align-items: start; }
+"""
+
+
+def page(
+    told: Account,
+    scan: Scan,
+    references: ReferenceSet,
+    config: MatchConfig,
+    about: Sequence[int],
+    title: str,
+) -> str:
+    """The page of one account; `about` are ids of references to be told of in any case."""
+    parts = [
+        f"<h1>{escape(title)}</h1>",
+        _answer(told, config),
+        _section("The scan", _scan_pictures(told, scan, references)),
+        _hypotheses(told, references),
+        _section(
+            "The best hypotheses, laid over their references", _overlays(told, scan, references)
+        ),
+        _map(told, references),
+        _alignment(told, references, config),
+        _rejected(told, scan, references, config, about),
+    ]
+    head = (
+        '<meta charset="utf-8"><meta name="viewport" content="width=device-width">'
+        '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; '
+        "img-src data:; style-src 'unsafe-inline'\">"
+        f"<title>{escape(title)}</title><style>{_STYLE}</style>"
+    )
+    body = "\n".join(part for part in parts if part)
+    return f'<!DOCTYPE html>\n<html lang="en"><head>{head}</head>\n<body>\n{body}\n</body></html>\n'
+
+
+def _answer(told: Account, config: MatchConfig) -> str:
+    """What came of it, in words and in numbers left after each stage."""
+    result, counts = told.result, told.result.counts
+    status = Status(int(result.status))
+    acted = "may be acted on" if result.confident else "must not be acted on: the robot is lost"
+    words = f"Status <b>{escape(status.text)}</b>. {escape(_SAYS[status])}"
+    if result.valid[0]:
+        words += (
+            f" The best hypothesis {acted} (quality {result.quality[0]:.3f}; it takes "
+            f"{float(config.confident):.3f} and no rival)."
+        )
+    passed = sum(fate.passed for fate in told.fates)
+    rows = [
+        ("anchors of the scan", counts.anchors),
+        ("anchors that the capacity left out", counts.overflow),
+        ("references", len(told.fates)),
+        ("references with an alternative", counts.aligned),
+        ("alternatives in them", counts.alternatives),
+    ]
+    if config.cascade:
+        rows.append(("alternatives that passed the glance", passed))
+    rows += [
+        ("alternatives evaluated by synthetic scans", counts.evaluated),
+        ("hypotheses", int(np.sum(result.valid))),
+    ]
+    table = _table(("", "left"), [(name, str(int(number))) for name, number in rows], text=1)
+    return f"<p>{words}</p>{table}"
+
+
+def _scan_pictures(told: Account, scan: Scan, references: ReferenceSet) -> list[str]:
+    anchors, graph = told.query.anchors, told.query.graph
+    drawn = draw_scan(scan, references.index.config.extraction.segment)
+    drawn += draw_anchors(anchors, ax=figure_of(drawn).axes[0])
+    return [
+        _picture(drawn, "The scan with its anchor points."),
+        _picture(draw_anchors(anchors, graph), "The anchor point graph, whose edges are compared."),
+    ]
+
+
+def _hypotheses(told: Account, references: ReferenceSet) -> str:
+    """The ranked table."""
+    result = told.result
+    if not result.valid[0]:
+        return ""
+    heads = (
+        *("", "reference", "x / m", "y / m", "θ / °", "q_m", "agreeing anchors"),
+        *("agreeing beams", "e_m", "e_m less rivals", "probability", "excludes the best"),
+    )
+    rows = []
+    for k in np.flatnonzero(result.valid):
+        x, y, theta = result.T_ref_query[k]
+        rows.append(
+            (
+                *(str(k), str(result.reference[k]), f"{x:.2f}", f"{y:.2f}"),
+                *(f"{np.degrees(theta):.1f}", f"{result.preselection[k]:.2f}"),
+                *(str(result.agreeing_anchors[k]), str(result.agreeing_beams[k])),
+                *(_number(told.e_m[k]), f"{result.quality[k]:.3f}"),
+                *(f"{result.probability[k]:.3f}", _number(told.rivalry[k]) if k else ""),
+            )
+        )
+    note = (
+        "Poses are those of the query's laser in the reference scan's frame. A hypothesis that "
+        "excludes the best (1: cannot hold together with it; 0: means the same place) is a rival, "
+        "and costs the best a share of its own e_m."
+    )
+    return (
+        f"<h2>Hypotheses, best first</h2><div class=wide>{_table(heads, rows)}</div><p>{note}</p>"
+    )
+
+
+def _overlays(told: Account, scan: Scan, references: ReferenceSet) -> list[str]:
+    result = told.result
+    return [
+        _overlay(
+            scan,
+            references,
+            int(result.reference[k]),
+            result.T_ref_query[k],
+            float(result.quality[k]),
+            f"Hypothesis {k}: reference {result.reference[k]}.",
+        )
+        for k in np.flatnonzero(result.valid)[:_OVERLAYS]
+    ]
+
+
+def _map(told: Account, references: ReferenceSet) -> str:
+    known = references.ids[np.isfinite(references.T_world_ref).all(axis=1)]
+    if not np.isin(told.result.reference, known).any():
+        return ""
+    drawn = draw_answer(told.result, references)
+    return _section("In the references' own frame", [_picture(drawn, "The hypotheses.")])
+
+
+def _alignment(told: Account, references: ReferenceSet, config: MatchConfig) -> str:
+    """The paper's alignment with the reference that came first."""
+    if not told.result.valid[0]:
+        return ""
+    best = int(told.result.reference[0])
+    row = int(np.flatnonzero(references.ids == best)[0])
+    reference = jax.tree.map(lambda array: array[row], references.index.features.graph)
+    query, alignment = told.query.graph, config.alignment
+    relation, angle = references.index.config.relation, float(told.result.T_ref_query[0, 2])
+    pictures = [
+        _picture(
+            draw_matching_angles(reference, query, relation, alignment.rotation),
+            f"Matching angle histogram with reference {best}; the answer has "
+            f"{np.degrees(angle) % 180:.0f}°.",
+        ),
+        _picture(
+            draw_correspondences(reference, query, angle, alignment.correspondence),
+            "Correspondence matrix at the answer's rotation.",
+        ),
+    ]
+    how = (
+        "The paper aligns by these two (2.C). Here the edges voted for poses at once, which takes "
+        "neither; both show what speaks for the answer."
+        if config.cascade
+        else "This is how the alternatives were found (2.C of the paper)."
+    )
+    return f"{_section('Edges and anchors that correspond', pictures)}<p>{how}</p>"
+
+
+def _rejected(
+    told: Account,
+    scan: Scan,
+    references: ReferenceSet,
+    config: MatchConfig,
+    about: Sequence[int],
+) -> str:
+    """The references without a hypothesis, and those asked about."""
+    out = [fate for fate in told.fates if fate.stage != Stage.ANSWERED]
+    asked = [fate for fate in told.fates if fate.reference in about]
+    shown = [*asked, *(fate for fate in out if fate not in asked)]
+    listed = shown[: max(_ROWS, len(asked))]
+    if not listed:
+        return ""
+    by_q_m = sorted((fate.q_m for fate in told.fates), reverse=True)
+    looks = ("after the glance", "after the second look") if config.cascade else ()
+    heads = ("reference", "q_m", "rank by q_m", "alternatives", *looks, "best e_m", "fell out at")
+    rows = []
+    for fate in listed:
+        left = (fate.passed, fate.kept) if config.cascade else ()
+        rows.append(
+            (
+                *(str(fate.reference), f"{fate.q_m:.2f}", str(by_q_m.index(fate.q_m) + 1)),
+                *(str(count) for count in (fate.aligned, *left)),
+                *(f"{fate.e_m:.3f}" if fate.kept else "", _fell(fate)),
+            )
+        )
+    rest = len(out) - sum(fate in out for fate in listed)
+    more = f"<p>{rest} more references have no hypothesis.</p>" if rest else ""
+    drawn = [*asked, *[fate for fate in out if fate not in asked][:_REJECTED]]
+    overlays = [
+        _overlay(
+            scan,
+            references,
+            fate.reference,
+            fate.T_ref_query,
+            None,
+            f"Reference {fate.reference}: the most promising alternative ({_fell(fate)}).",
+        )
+        for fate in drawn
+        if fate.T_ref_query is not None
+    ]
+    table = f"<div class=wide>{_table(heads, rows, text=-1)}</div>"
+    pictures = f"<div class=pictures>{''.join(overlays)}</div>"
+    return f"<h2>Why not another reference</h2>{table}{more}{pictures}"
+
+
+def _fell(fate: Fate) -> str:
+    return "among the hypotheses" if fate.stage == Stage.ANSWERED else fate.stage.text
+
+
+def _overlay(
+    scan: Scan,
+    references: ReferenceSet,
+    reference: int,
+    T_ref_query: np.ndarray,
+    quality: float | None,
+    caption: str,
+) -> str:
+    row = int(np.flatnonzero(references.ids == reference)[0])
+    theirs = jax.tree.map(lambda array: np.asarray(array)[row], references.scans)
+    drawn = draw_match(theirs, scan, T_ref_query, quality, references.index.config)
+    return _picture(drawn, caption)
+
+
+def _picture(drawn: Sequence[Artist], caption: str) -> str:
+    buffer = io.BytesIO()
+    figure_of(drawn).savefig(buffer, format="png", dpi=_DPI, metadata={"Software": None})
+    data = base64.b64encode(buffer.getvalue()).decode()
+    text = escape(caption, quote=True)
+    return (
+        f'<figure><img alt="{text}" src="data:image/png;base64,{data}">'
+        f"<figcaption>{text}</figcaption></figure>"
+    )
+
+
+def _section(title: str, pictures: Iterable[str]) -> str:
+    inside = "".join(pictures)
+    return f"<h2>{escape(title)}</h2><div class=pictures>{inside}</div>" if inside else ""
+
+
+def _table(heads: Sequence[str], rows: Sequence[Sequence[str]], text: int = 0) -> str:
+    """A table; `text` is the number of the column, from 1 or from the end, that is no number."""
+    column = text - 1 if text > 0 else len(heads) + text if text else -1
+
+    def line(cells: Sequence[str], tag: str) -> str:
+        kinds = (' class="text"' if index == column else "" for index in range(len(cells)))
+        inner = (
+            f"<{tag}{kind}>{escape(cell)}</{tag}>" for kind, cell in zip(kinds, cells, strict=True)
+        )
+        return f"<tr>{''.join(inner)}</tr>"
+
+    body = "".join(line(row, "td") for row in rows)
+    return f"<table><thead>{line(heads, 'th')}</thead><tbody>{body}</tbody></table>"
+
+
+def _number(value: float) -> str:
+    return f"{value:.3f}" if np.isfinite(value) else "–"
