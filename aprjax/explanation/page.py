@@ -9,7 +9,7 @@ import jax
 import numpy as np
 from matplotlib.artist import Artist
 
-from aprjax.explanation.stages import Account, Fate, Stage
+from aprjax.explanation.stages import Account, Stage
 from aprjax.matcher import MatchConfig
 from aprjax.plot.alignment import draw_correspondences, draw_matching_angles
 from aprjax.plot.anchors import draw_anchors
@@ -35,6 +35,15 @@ _SAYS = {
     Status.BELOW_THRESHOLD: "There were alignments, but none reached the least quality.",
 }
 
+_FELL = {
+    Stage.NOT_COMPARED: "not compared: excluded, or its q_m is not among the highest",
+    Stage.ALIGNMENT: "alignment: too few edges agree on any pose in it",
+    Stage.GLANCE: "glance: other alternatives fit better at first sight",
+    Stage.SECOND_LOOK: "second look: too few anchors agree, or other alternatives fit better",
+    Stage.EVALUATION: "evaluation: its e_m is lower than that of the hypotheses",
+    Stage.ANSWERED: "nowhere: it is among the hypotheses",
+}
+
 _STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; color: #222; margin: 2em auto; max-width: 76em;
        padding: 0 1em; }
@@ -45,7 +54,7 @@ th { font-weight: 600; vertical-align: bottom; } td.text, th.text { text-align: 
 figure { margin: 0; } figcaption { font-size: .9em; color: #555; }
 img { max-width: 100%; height: auto; }
 .wide { overflow-x: auto; }
-.pictures { display: grid; grid-template-columns: repeat(auto-fit, minmax(24em, 1fr)); gap: 1.5em;
+.pictures { display: grid; grid-template-columns: repeat(auto-fit, minmax(30em, 1fr)); gap: 1.5em;
             align-items: start; }
 """
 
@@ -126,8 +135,15 @@ def _hypotheses(told: Account, references: ReferenceSet) -> str:
     if not result.valid[0]:
         return ""
     heads = (
-        *("", "reference", "x / m", "y / m", "θ / °", "q_m", "agreeing anchors"),
-        *("agreeing beams", "e_m", "e_m less rivals", "probability", "excludes the best"),
+        *("", "reference", "x\u00a0/\u00a0m", "y\u00a0/\u00a0m", "θ\u00a0/\u00a0°", "q_m"),
+        *(
+            "agreeing anchors",
+            "agreeing beams",
+            "e_m",
+            "e_m less rivals",
+            "probability",
+            "excludes the best",
+        ),
     )
     rows = []
     for k in np.flatnonzero(result.valid):
@@ -227,7 +243,7 @@ def _rejected(
             (
                 *(str(fate.reference), f"{fate.q_m:.2f}", str(by_q_m.index(fate.q_m) + 1)),
                 *(str(count) for count in (fate.aligned, *left)),
-                *(f"{fate.e_m:.3f}" if fate.kept else "", _fell(fate)),
+                *(f"{fate.e_m:.3f}" if fate.kept else "", _FELL[fate.stage]),
             )
         )
     rest = len(out) - sum(fate in out for fate in listed)
@@ -240,7 +256,8 @@ def _rejected(
             fate.reference,
             fate.T_ref_query,
             None,
-            f"Reference {fate.reference}: the most promising alternative ({_fell(fate)}).",
+            f"Reference {fate.reference}, its most promising alternative. It fell out at: "
+            f"{_FELL[fate.stage]}.",
         )
         for fate in drawn
         if fate.T_ref_query is not None
@@ -248,10 +265,6 @@ def _rejected(
     table = f"<div class=wide>{_table(heads, rows, text=-1)}</div>"
     pictures = f"<div class=pictures>{''.join(overlays)}</div>"
     return f"<h2>Why not another reference</h2>{table}{more}{pictures}"
-
-
-def _fell(fate: Fate) -> str:
-    return "among the hypotheses" if fate.stage == Stage.ANSWERED else fate.stage.text
 
 
 def _overlay(
@@ -270,7 +283,9 @@ def _overlay(
 
 def _picture(drawn: Sequence[Artist], caption: str) -> str:
     buffer = io.BytesIO()
-    figure_of(drawn).savefig(buffer, format="png", dpi=_DPI, metadata={"Software": None})
+    figure_of(drawn).savefig(
+        buffer, format="png", dpi=_DPI, bbox_inches="tight", metadata={"Software": None}
+    )
     data = base64.b64encode(buffer.getvalue()).decode()
     text = escape(caption, quote=True)
     return (

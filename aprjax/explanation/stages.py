@@ -46,11 +46,6 @@ class Stage(IntEnum):
     ANSWERED = 5
     """It is among the hypotheses."""
 
-    @property
-    def text(self) -> str:
-        """The name as the page prints it, such as `second look`."""
-        return self.name.lower().replace("_", " ")
-
 
 class Left(eqx.Module):
     """Alternatives that were left after a stage, in all references."""
@@ -147,7 +142,7 @@ def _trace(
     features, relation = references.features, references.config.relation
     one = jax.tree.map(lambda array: array[None], query.histogram)
     q_m = preselection_quality(one, features.histogram, relation)[0]
-    answering = references.valid & ~jnp.any(references.ids[:, None] == excluded, axis=1)
+    answering = references.valid & ~jnp.any(references.ids[:, None] == excluded[None, :], axis=1)
     compared = _preselected(q_m, answering, config)
     if config.cascade:
         votes = vote(

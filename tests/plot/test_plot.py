@@ -172,8 +172,8 @@ def graphs():
 
 
 def graph_of(xy) -> Anchors:
-    padded = np.pad(xy.astype(np.float32), [(0, 2), (0, 0)])
-    zeros, valid = np.zeros(6, np.int32), np.arange(6) < 4
+    padded = np.pad(xy.astype(np.float32), [(0, 12), (0, 0)])
+    zeros, valid = np.zeros(16, np.int32), np.arange(16) < 4
     return jax.tree.map(jax.numpy.asarray, Anchors(padded, zeros, zeros, valid, zeros[0]))  # type: ignore
 
 
