@@ -150,8 +150,8 @@ def _hypotheses(told: Account, references: ReferenceSet) -> str:
         x, y, theta = result.T_ref_query[k]
         rows.append(
             (
-                *(str(k), str(result.reference[k]), f"{x:.2f}", f"{y:.2f}"),
-                *(f"{np.degrees(theta):.1f}", f"{result.preselection[k]:.2f}"),
+                *(str(k), str(result.reference[k]), f"{x:z.2f}", f"{y:z.2f}"),
+                *(f"{np.degrees(theta):z.1f}", f"{result.preselection[k]:.2f}"),
                 *(str(result.agreeing_anchors[k]), str(result.agreeing_beams[k])),
                 *(_number(told.e_m[k]), f"{result.quality[k]:.3f}"),
                 *(f"{result.probability[k]:.3f}", _number(told.rivalry[k]) if k else ""),
@@ -212,7 +212,7 @@ def _alignment(told: Account, references: ReferenceSet, config: MatchConfig) -> 
     ]
     how = (
         "The paper aligns by these two (2.C). Here the edges voted for poses at once, which takes "
-        "neither; both show what speaks for the answer."
+        "neither; they show how clear the answer would be to the paper's way."
         if config.cascade
         else "This is how the alternatives were found (2.C of the paper)."
     )

@@ -42,9 +42,9 @@ def draw_answer(
     ax = new_axes(around) if ax is None else ax
     prepare(ax)
     ax.grid(False)
-    # As pixels and not as vectors: there are tens of thousands.
+    # As pixels in a vector file: there are tens of thousands.
     drawn: list[Artist] = [
-        *ax.plot(*seen.T, ls="", marker=",", color=FLOOR, zorder=1, rasterized=True)
+        *ax.plot(*seen.T, ls="", marker=".", ms=1.5, color=FLOOR, zorder=1, rasterized=True)
     ]
     drawn += draw_poses(
         ax, T_world_ref, REFERENCE, "reference scans", tick=_TICK, size=26, zorder=3
