@@ -1,4 +1,117 @@
-"""Global self-localization with a 2D laser scanner: APR scan matching in JAX."""
+"""Global self-localization with a 2D laser scanner: APR scan matching in JAX.
+
+One scan goes in, out come its weighted alignments with every stored reference scan, with no prior.
+The README says what that is good for, how well it does and how it works. Further pages:
+
+- `aprjax.evaluation`: choosing thresholds, and what to do with an answer
+- `aprjax.compilation`: performance, shapes and compilation
+- `aprjax.anchors`: what APR cannot do
+- `aprjax.plot`: pictures; `aprjax.explanation`: why a query was answered as it was
+- `aprjax.world`: maps from a drive; `aprjax.tracking`: where the robot is in one
+- `aprjax.io`: logs, bags, grids, pose graphs, trajectories; `aprjax.sim`: simulated floors
+
+# Tutorial
+
+A robot stands somewhere in a flat of three rooms, and has been there before. The flat is simulated
+here; scans may as well come from a log (`aprjax.read_log`) or a driver (`aprjax.Scan.make`).
+
+```python
+>>> import jax
+>>> import numpy as np
+>>> import aprjax
+>>> from aprjax.sim.laser import Laser, take_scans
+>>> from aprjax.sim.world import World
+>>> def outline(*corners):
+...     return [[a, b] for a, b in zip(corners, corners[1:])]
+>>> flat = World.make(
+...     outline((0, 0), (11, 0), (11, 7), (0, 7), (0, 0))
+...     + outline((4, 0), (4, 1.2), (4.3, 1.2), (4.3, 0))  # a chimney
+...     + outline((5, 7), (5, 4.2), (6.1, 4.2)) + outline((7, 4.2), (11, 4.2))
+...     + outline((0, 3.1), (1.5, 3.1)) + outline((2.4, 3.1), (3.4, 3.1), (3.4, 7))
+...     + outline((8, 0), (8, 0.6), (10.1, 0.6), (10.1, 0))  # a sideboard
+... )
+>>> def scans_at(poses, seed):
+...     stacked = take_scans(jax.random.key(seed), Laser.sick(), flat, None, np.array(poses))
+...     return [jax.tree.map(lambda leaf: leaf[i], stacked) for i in range(len(poses))]
+
+```
+
+Poses are x and y in metres and theta in radians, counter-clockwise. Six scans, taken at known
+places, become the references. Their places are optional: without them answers are relative to the
+references all the same.
+
+```python
+>>> places = [[2, 1.5, 0.2], [6, 2, 0], [9, 2.2, 3.0], [8, 5.6, 0.5], [1.6, 5, -1.2], [4.2, 5, 1.5]]
+>>> known = aprjax.ReferenceSet.build(scans_at(places, seed=0), T_world_ref=np.array(places))
+>>> len(known)
+6
+
+```
+
+The robot is switched on, 0.4 m and 20° from where the second one was taken. The first call
+compiles (`aprjax.compilation`).
+
+```python
+>>> here = np.array([6.3, 2.3, 0.35])
+>>> (scan,) = scans_at([here], seed=1)
+>>> result = aprjax.match(scan, known)
+>>> print(aprjax.Status(int(result.status)).text, bool(result.confident))
+ok True
+>>> print(result.reference[0])
+1
+
+```
+
+`T_ref_query` is the laser's pose in that reference's frame. In the frame that the places were given
+in:
+
+```python
+>>> from aprjax.metrics import world_poses
+>>> T_world_query = world_poses(result, known.ids, known.T_world_ref)[0]
+>>> bool(np.hypot(*(T_world_query - here)[:2]) < 0.05)
+True
+
+```
+
+It is the first of several hypotheses, best first, each with a quality e_m, the probability of being
+right, and a covariance. What is not `valid` is padding.
+
+```python
+>>> result.T_ref_query.shape, result.covariance.shape
+((5, 3), (5, 3, 3))
+>>> quality = result.quality[result.valid]
+>>> bool(np.all(np.diff(quality) <= 0)), bool(result.probability[0] > 0.9)
+(True, True)
+
+```
+
+A scan in which there is nothing, or that fits nowhere, is no error: its status says what was
+missing. No answer is acted on unless it is `confident`.
+
+```python
+>>> nothing = aprjax.Scan.make(
+...     np.full(181, np.nan), angle_min=-1.57, angle_increment=0.0175, range_max=30.0
+... )
+>>> lost = aprjax.match(nothing, known)
+>>> print(aprjax.Status(int(lost.status)).text, bool(lost.confident))
+too_few_anchors False
+
+```
+
+References can be added and removed; ids stay for good. A set is kept in a file.
+
+```python
+>>> more = known.add([scan], T_world_ref=here[None])
+>>> print(more.ids, more.remove([0]).ids)
+[0 1 2 3 4 5 6] [1 2 3 4 5 6]
+>>> aprjax.save_references(more, "flat.npz")
+>>> len(aprjax.load_references("flat.npz"))
+7
+
+```
+
+Why one reference answered, and not another, is a page for a browser: `aprjax.explain(scan, known)`.
+"""
 
 from aprjax.batch import match as match
 from aprjax.batch import match_batch as match_batch
@@ -36,3 +149,68 @@ from aprjax.world.parts import WorldModelError as WorldModelError
 from aprjax.world.store import MapFileError as MapFileError
 from aprjax.world.store import load_map as load_map
 from aprjax.world.store import save_map as save_map
+
+# In the order of use, and with the modules: the API reference shows what is named here.
+__all__ = [  # noqa: RUF022
+    "Scan",
+    "read_log",
+    "LogEntry",
+    "LogError",
+    "ReferenceSet",
+    "save_references",
+    "load_references",
+    "ReferenceFileError",
+    "FeatureConfig",
+    "match",
+    "match_batch",
+    "MatchConfig",
+    "MatchResult",
+    "Status",
+    "explain",
+    "warm_up",
+    "cache_compilations",
+    "OccupancyGrid",
+    "read_occupancy_grid",
+    "write_occupancy_grid",
+    "OccupancyGridError",
+    "grid_from_scans",
+    "build_map",
+    "MapConfig",
+    "WorldModel",
+    "WorldModelError",
+    "save_map",
+    "load_map",
+    "MapFileError",
+    "HypothesisTracker",
+    "TrackerConfig",
+    "PoseGraph",
+    "PoseGraphEdge",
+    "read_pose_graph",
+    "write_pose_graph",
+    "PoseGraphError",
+    "alignment",
+    "anchors",
+    "batch",
+    "compilation",
+    "configuration",
+    "evaluation",
+    "explanation",
+    "features",
+    "grid",
+    "io",
+    "matcher",
+    "metrics",
+    "numerics",
+    "places",
+    "plot",
+    "references",
+    "refine",
+    "relations",
+    "scan",
+    "se2",
+    "shortlist",
+    "sim",
+    "status",
+    "tracking",
+    "world",
+]

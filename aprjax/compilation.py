@@ -1,4 +1,40 @@
-"""Paying for compilation when it suits: ahead of time, and once for all processes."""
+"""Paying for compilation when it suits: ahead of time, and once for all processes.
+
+# Performance and shapes
+
+JAX compiles a program for each combination of array shapes. aprjax pads to few of them:
+
+- *Beams* of a scan, *references* of a set and *queries* of a call are padded to buckets, four to
+  the octave. A set that grows by one compiles again only where it leaves its bucket.
+
+  ```python
+  >>> from aprjax.numerics import bucket
+  >>> [bucket(references) for references in (3, 8, 9, 30, 225)]
+  [8, 8, 10, 32, 256]
+
+  ```
+
+- *Capacities* of a configuration (anchors, alternatives, hypotheses, `top_k`) set array sizes:
+  another value compiles anew. Where one does not suffice, the result says so
+  (`Status.CAPACITY_EXCEEDED`, `Counts.overflow`).
+- *Thresholds* are array leaves: another value compiles nothing.
+
+The first call therefore takes long, and later ones do not. Three things help:
+
+- `warm_up` compiles ahead of time, for so many beams and queries in a call;
+- `cache_compilations` keeps what is compiled for later processes;
+- scans in lists (`match_batch(scans, references)`) are padded to buckets, a stacked `Scan` is taken
+  as it is: pad it alike (`Scan.pad`) to share what was compiled.
+
+Many queries at once are quicker than one at a time: on a CPU a batch is shared among its cores in
+chunks of `MatchConfig.chunk`, which also bound the memory; on an accelerator the queries of a chunk
+are worked on together. Most of a query's time does not depend on the number of references: votes
+grow with it, the looks at alternatives and the synthetic scans do not. `python -m benchmarks`
+measures all this on the machine at hand, and `python -m benchmarks stages` says where the time
+goes.
+
+Results lie on the host, as NumPy arrays. Importing aprjax compiles nothing and touches no device.
+"""
 
 import os
 import stat

@@ -110,9 +110,18 @@ def test_every_form_of_import_is_seen(source, entries):
 
 def test_the_public_names_are_all_that_the_package_file_holds():
     tree = ast.parse((PACKAGE / "__init__.py").read_text())
-    for node in tree.body:
-        docstring = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
-        assert docstring or isinstance(node, ast.ImportFrom), ast.unparse(node)
+    docstring, *imports, listed = tree.body
+    assert isinstance(docstring, ast.Expr)
+    assert isinstance(docstring.value, ast.Constant)
+    names = set()
+    for node in imports:
+        assert isinstance(node, ast.ImportFrom), ast.unparse(node)
+        names |= {alias.asname for alias in node.names}
+    assert isinstance(listed, ast.Assign)
+    assert ast.unparse(listed.targets[0]) == "__all__"
+    # And the entries, which the API reference would else leave out.
+    entries = {entry_of(path) for path in MODULES} - {"cli"}
+    assert set(ast.literal_eval(listed.value)) == names | entries
 
 
 IMPORT = """

@@ -1,0 +1,1 @@
+"""The command `aprjax`, a module for each subcommand."""

@@ -8,6 +8,7 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from importlib.metadata import version
 
 from aprjax.cli import demo, explain, info, localize, match, simulate
 from aprjax.cli import map as map_
@@ -46,6 +47,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="aprjax", description="Global self-localization with a 2D laser scanner."
     )
+    parser.add_argument("--version", action="version", version=f"aprjax {version('aprjax')}")
     parser.add_argument(
         "--cache",
         action="store_true",

@@ -1,0 +1,1 @@
+"""Files: logs, bags, occupancy grids, pose graphs, trajectories, tables, reference sets."""

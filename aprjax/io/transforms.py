@@ -12,7 +12,7 @@ class TransformTree:
     def __init__(self) -> None:
         self._parent: dict[str, str] = {}
         self._first: dict[str, np.ndarray] = {}
-        self._track: dict[str, array[float]] = {}
+        self._track: dict[str, array] = {}
 
     @property
     def frames(self) -> set[str]:

@@ -1,0 +1,72 @@
+"""Pages are package docstrings: their code runs, their links lead somewhere."""
+
+import doctest
+import importlib
+import inspect
+import pkgutil
+import re
+import warnings
+
+import pytest
+
+import aprjax
+
+PAGES = ["aprjax", "aprjax.compilation", "aprjax.evaluation", "aprjax.plot"]
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_the_code_of_a_page_prints_what_it_says(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    page = importlib.import_module(name)
+    (test,) = [
+        test for test in doctest.DocTestFinder(recurse=False).find(page, name) if test.name == name
+    ]
+    assert test.examples
+    report: list[str] = []
+    doctest.DocTestRunner().run(test, out=report.append)
+    assert not report, "".join(report)
+
+
+@pytest.fixture(scope="module")
+def documented():
+    """All documented things of the API reference, by their full names."""
+    doc = pytest.importorskip("pdoc.doc")
+    found = {}
+
+    def collect(thing):
+        found[thing.fullname] = thing
+        for member in getattr(thing, "members", {}).values():
+            if member.fullname not in found:
+                collect(member)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for module in pkgutil.walk_packages(aprjax.__path__, "aprjax."):
+            if not module.name.startswith("aprjax.cli"):
+                collect(doc.Module.from_name(module.name))
+        collect(doc.Module.from_name("aprjax"))
+    return found
+
+
+def test_every_public_name_is_in_the_reference_with_a_docstring(documented):
+    for name in aprjax.__all__:
+        assert documented[f"aprjax.{name}"].docstring, name
+
+
+def test_every_link_in_a_docstring_leads_somewhere(documented):
+    broken = {
+        (name, link)
+        for name, thing in documented.items()
+        if name.startswith("aprjax.") or name == "aprjax"
+        for link in re.findall(r"`(aprjax(?:\.\w+)+)`", thing.docstring)
+        if link not in documented
+    }
+    assert not broken
+
+
+def test_the_signatures_of_the_reference_are_understood(documented):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for name, thing in documented.items():
+            if inspect.isfunction(getattr(thing, "obj", None)) and name.startswith("aprjax."):
+                assert thing.signature is not None
