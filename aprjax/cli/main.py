@@ -8,7 +8,7 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 
 from aprjax.cli import demo, explain, info, localize, match, simulate
 from aprjax.cli import map as map_
@@ -43,11 +43,18 @@ def _fail(message: str, status: int) -> int:
     return status
 
 
+def _version() -> str:
+    try:
+        return version("aprjax")
+    except PackageNotFoundError:
+        return "of a checkout that is not installed"
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="aprjax", description="Global self-localization with a 2D laser scanner."
     )
-    parser.add_argument("--version", action="version", version=f"aprjax {version('aprjax')}")
+    parser.add_argument("--version", action="version", version=f"aprjax {_version()}")
     parser.add_argument(
         "--cache",
         action="store_true",

@@ -1,5 +1,10 @@
+import tomllib
+from pathlib import Path
+
 import jax
 import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture
@@ -24,3 +29,10 @@ def test_a_cache_that_others_can_write_to_is_one_clear_line(cache, command, logs
     status, out, err = command("--cache", "info", logs[0])
     assert (status, out) == (1, "")
     assert err == f"aprjax: {cache}: others can write to it; cached programs are executed\n"
+
+
+def test_the_version_is_that_of_the_project(command):
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    status, out, err = command("--version")
+    assert (status, err) == (0, "")
+    assert out in (f"aprjax {project['version']}\n", "aprjax of a checkout that is not installed\n")
