@@ -79,10 +79,14 @@ def run(arguments: argparse.Namespace) -> None:
     references = _references(path, topic)
     own = [number] if arguments.exclude_self and np.isin(number, references.ids) else []
     try:
+        config = MatchConfig(top_k=arguments.top_k, cascade=not arguments.no_cascade)
+    except ValueError as error:
+        raise CommandError(str(error)) from None
+    try:
         text = explain(
             queries[number],
             references,
-            MatchConfig(top_k=arguments.top_k, cascade=not arguments.no_cascade),
+            config,
             exclude=own,
             about=arguments.about,
             title=f"{arguments.queries.name}, scan {number}, in {path.name}",

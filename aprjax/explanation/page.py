@@ -1,14 +1,12 @@
-"""An account of one query as an HTML page that needs nothing else: no script, no other file."""
+"""An account of one query as a page for a browser."""
 
-import base64
-import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from html import escape
 
 import jax
 import numpy as np
-from matplotlib.artist import Artist
 
+from aprjax.explanation.html import document, picture, section, table
 from aprjax.explanation.stages import Account, Stage
 from aprjax.matcher import MatchConfig
 from aprjax.plot.alignment import draw_correspondences, draw_matching_angles
@@ -24,7 +22,6 @@ from aprjax.status import Status
 _OVERLAYS = 3  # hypotheses that are drawn
 _REJECTED = 2  # references without a hypothesis that are drawn, besides those asked about
 _ROWS = 12  # of them in the table
-_DPI = 80
 
 _SAYS = {
     Status.OK: "There is an answer, and nothing else explains the scan as well.",
@@ -40,23 +37,9 @@ _FELL = {
     Stage.ALIGNMENT: "alignment: too few edges agree on any pose in it",
     Stage.GLANCE: "glance: other alternatives fit better at first sight",
     Stage.SECOND_LOOK: "second look: too few anchors agree, or other alternatives fit better",
-    Stage.EVALUATION: "evaluation: its e_m is lower than that of the hypotheses",
+    Stage.EVALUATION: "evaluation: its e_m is too low, or lower than those of the hypotheses",
     Stage.ANSWERED: "nowhere: it is among the hypotheses",
 }
-
-_STYLE = """
-body { font: 15px/1.45 system-ui, sans-serif; color: #222; margin: 2em auto; max-width: 76em;
-       padding: 0 1em; }
-h1 { font-size: 1.5em; } h2 { font-size: 1.15em; margin-top: 2em; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
-th, td { padding: .2em .7em; text-align: right; border-bottom: 1px solid #ddd; }
-th { font-weight: 600; vertical-align: bottom; } td.text, th.text { text-align: left; }
-figure { margin: 0; } figcaption { font-size: .9em; color: #555; }
-img { max-width: 100%; height: auto; }
-.wide { overflow-x: auto; }
-.pictures { display: grid; grid-template-columns: repeat(auto-fit, minmax(30em, 1fr)); gap: 1.5em;
-            align-items: start; }
-"""
 
 
 def page(
@@ -71,23 +54,16 @@ def page(
     parts = [
         f"<h1>{escape(title)}</h1>",
         _answer(told, config),
-        _section("The scan", _scan_pictures(told, scan, references)),
+        section("The scan", _scan_pictures(told, scan, references)),
         _hypotheses(told, references),
-        _section(
+        section(
             "The best hypotheses, laid over their references", _overlays(told, scan, references)
         ),
         _map(told, references),
         _alignment(told, references, config),
         _rejected(told, scan, references, config, about),
     ]
-    head = (
-        '<meta charset="utf-8"><meta name="viewport" content="width=device-width">'
-        '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; '
-        "img-src data:; style-src 'unsafe-inline'\">"
-        f"<title>{escape(title)}</title><style>{_STYLE}</style>"
-    )
-    body = "\n".join(part for part in parts if part)
-    return f'<!DOCTYPE html>\n<html lang="en"><head>{head}</head>\n<body>\n{body}\n</body></html>\n'
+    return document(title, "\n".join(part for part in parts if part))
 
 
 def _answer(told: Account, config: MatchConfig) -> str:
@@ -115,8 +91,8 @@ def _answer(told: Account, config: MatchConfig) -> str:
         ("alternatives evaluated by synthetic scans", counts.evaluated),
         ("hypotheses", int(np.sum(result.valid))),
     ]
-    table = _table(("", "left"), [(name, str(int(number))) for name, number in rows], text=1)
-    return f"<p>{words}</p>{table}"
+    left = table(("stage", "left"), [(name, str(int(number))) for name, number in rows], "stage")
+    return f"<p>{words}</p>{left}"
 
 
 def _scan_pictures(told: Account, scan: Scan, references: ReferenceSet) -> list[str]:
@@ -124,8 +100,8 @@ def _scan_pictures(told: Account, scan: Scan, references: ReferenceSet) -> list[
     drawn = draw_scan(scan, references.index.config.extraction.segment)
     drawn += draw_anchors(anchors, ax=figure_of(drawn).axes[0])
     return [
-        _picture(drawn, "The scan with its anchor points."),
-        _picture(draw_anchors(anchors, graph), "The anchor point graph, whose edges are compared."),
+        picture(drawn, "The scan with its anchor points."),
+        picture(draw_anchors(anchors, graph), "The anchor point graph, whose edges are compared."),
     ]
 
 
@@ -162,9 +138,7 @@ def _hypotheses(told: Account, references: ReferenceSet) -> str:
         "excludes the best (1: cannot hold together with it; 0: means the same place) is a rival, "
         "and costs the best a share of its own e_m."
     )
-    return (
-        f"<h2>Hypotheses, best first</h2><div class=wide>{_table(heads, rows)}</div><p>{note}</p>"
-    )
+    return f"<h2>Hypotheses, best first</h2><div class=wide>{table(heads, rows)}</div><p>{note}</p>"
 
 
 def _overlays(told: Account, scan: Scan, references: ReferenceSet) -> list[str]:
@@ -187,7 +161,7 @@ def _map(told: Account, references: ReferenceSet) -> str:
     if not np.isin(told.result.reference, known).any():
         return ""
     drawn = draw_answer(told.result, references)
-    return _section("In the references' own frame", [_picture(drawn, "The hypotheses.")])
+    return section("In the references' own frame", [picture(drawn, "The hypotheses.")])
 
 
 def _alignment(told: Account, references: ReferenceSet, config: MatchConfig) -> str:
@@ -200,12 +174,12 @@ def _alignment(told: Account, references: ReferenceSet, config: MatchConfig) -> 
     query, alignment = told.query.graph, config.alignment
     relation, angle = references.index.config.relation, float(told.result.T_ref_query[0, 2])
     pictures = [
-        _picture(
+        picture(
             draw_matching_angles(reference, query, relation, alignment.rotation),
             f"Matching angle histogram with reference {best}; the answer has "
             f"{np.degrees(angle) % 180:.0f}°.",
         ),
-        _picture(
+        picture(
             draw_correspondences(reference, query, angle, alignment.correspondence),
             "Correspondence matrix at the answer's rotation.",
         ),
@@ -216,7 +190,7 @@ def _alignment(told: Account, references: ReferenceSet, config: MatchConfig) -> 
         if config.cascade
         else "This is how the alternatives were found (2.C of the paper)."
     )
-    return f"{_section('Edges and anchors that correspond', pictures)}<p>{how}</p>"
+    return f"{section('Edges and anchors that correspond', pictures)}<p>{how}</p>"
 
 
 def _rejected(
@@ -262,9 +236,9 @@ def _rejected(
         for fate in drawn
         if fate.T_ref_query is not None
     ]
-    table = f"<div class=wide>{_table(heads, rows, text=-1)}</div>"
+    fates = f"<div class=wide>{table(heads, rows, words=heads[-1])}</div>"
     pictures = f"<div class=pictures>{''.join(overlays)}</div>"
-    return f"<h2>Why not another reference</h2>{table}{more}{pictures}"
+    return f"<h2>Why not another reference</h2>{fates}{more}{pictures}"
 
 
 def _overlay(
@@ -278,40 +252,7 @@ def _overlay(
     row = int(np.flatnonzero(references.ids == reference)[0])
     theirs = jax.tree.map(lambda array: np.asarray(array)[row], references.scans)
     drawn = draw_match(theirs, scan, T_ref_query, quality, references.index.config)
-    return _picture(drawn, caption)
-
-
-def _picture(drawn: Sequence[Artist], caption: str) -> str:
-    buffer = io.BytesIO()
-    figure_of(drawn).savefig(
-        buffer, format="png", dpi=_DPI, bbox_inches="tight", metadata={"Software": None}
-    )
-    data = base64.b64encode(buffer.getvalue()).decode()
-    text = escape(caption, quote=True)
-    return (
-        f'<figure><img alt="{text}" src="data:image/png;base64,{data}">'
-        f"<figcaption>{text}</figcaption></figure>"
-    )
-
-
-def _section(title: str, pictures: Iterable[str]) -> str:
-    inside = "".join(pictures)
-    return f"<h2>{escape(title)}</h2><div class=pictures>{inside}</div>" if inside else ""
-
-
-def _table(heads: Sequence[str], rows: Sequence[Sequence[str]], text: int = 0) -> str:
-    """A table; `text` is the number of the column, from 1 or from the end, that is no number."""
-    column = text - 1 if text > 0 else len(heads) + text if text else -1
-
-    def line(cells: Sequence[str], tag: str) -> str:
-        kinds = (' class="text"' if index == column else "" for index in range(len(cells)))
-        inner = (
-            f"<{tag}{kind}>{escape(cell)}</{tag}>" for kind, cell in zip(kinds, cells, strict=True)
-        )
-        return f"<tr>{''.join(inner)}</tr>"
-
-    body = "".join(line(row, "td") for row in rows)
-    return f"<table><thead>{line(heads, 'th')}</thead><tbody>{body}</tbody></table>"
+    return picture(drawn, caption)
 
 
 def _number(value: float) -> str:
