@@ -1,16 +1,19 @@
 """Pages are package docstrings: their code runs, their links lead somewhere."""
 
+import ast
 import doctest
 import importlib
 import inspect
 import pkgutil
 import re
 import warnings
+from pathlib import Path
 
 import pytest
 
 import aprjax
 
+README = (Path(__file__).resolve().parents[1] / "README.md").read_text()
 PAGES = ["aprjax", "aprjax.compilation", "aprjax.evaluation", "aprjax.plot"]
 
 
@@ -70,3 +73,23 @@ def test_the_signatures_of_the_reference_are_understood(documented):
         for name, thing in documented.items():
             if inspect.isfunction(getattr(thing, "obj", None)) and name.startswith("aprjax."):
                 assert thing.signature is not None
+
+
+def names_of(source):
+    """Dotted names of the package that a source text uses, and those that it imports."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Attribute) and ast.unparse(node).startswith("aprjax."):
+            yield re.match(r"[\w.]+", ast.unparse(node))[0]
+        elif isinstance(node, ast.ImportFrom) and node.module.split(".")[0] == "aprjax":
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def test_what_the_readme_uses_is_there():
+    used = {
+        name
+        for block in re.findall(r"^```python\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
+        for name in names_of(block)
+    }
+    assert {"aprjax.match", "aprjax.ReferenceSet.build"} <= used
+    for name in used:
+        assert pkgutil.resolve_name(name) is not None
