@@ -17,6 +17,7 @@ from aprjax.plot.scan import draw_scan
 from aprjax.plot.style import figure_of
 from aprjax.references import ReferenceSet
 from aprjax.scan import Scan
+from aprjax.se2 import Pose
 from aprjax.status import Status
 
 _OVERLAYS = 3  # hypotheses that are drawn
@@ -245,7 +246,7 @@ def _overlay(
     scan: Scan,
     references: ReferenceSet,
     reference: int,
-    T_ref_query: np.ndarray,
+    T_ref_query: Pose,
     quality: float | None,
     caption: str,
 ) -> str:

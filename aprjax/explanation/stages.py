@@ -27,6 +27,7 @@ from aprjax.matcher import (
 from aprjax.references import ReferenceIndex, ReferenceSet
 from aprjax.relations.histograms import preselection_quality
 from aprjax.scan import Scan
+from aprjax.se2 import Pose
 from aprjax.shortlist import Shortlist, glance_through, look_closer
 
 
@@ -91,7 +92,7 @@ class Fate:
     e_m: float
     """The best of those evaluated, before rivals; 0 where there was none."""
     stage: Stage
-    T_ref_query: np.ndarray | None
+    T_ref_query: Pose | None
     """The most promising alternative at the last stage it reached; None where there was none."""
 
 

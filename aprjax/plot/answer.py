@@ -30,7 +30,7 @@ def draw_answer(
     References without a known pose, and hypotheses in them, are left out. What the references'
     scans saw is faint. Raises `ValueError` where no pose is known.
     """
-    known = np.isfinite(references.T_world_ref).all(axis=1)
+    known = np.asarray(np.isfinite(references.T_world_ref).all(axis=1))
     if not known.any():
         raise ValueError("references: no T_world_ref is known")
     T_world_ref = references.T_world_ref[known]
