@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from jax.experimental.compilation_cache import compilation_cache
 
-from aprjax import matcher
+from aprjax import batch
+from aprjax.batch import match
 from aprjax.compilation import cache_compilations, warm_up
 from aprjax.references import ReferenceSet
 from tests.worlds import free_pose, office, scan_at
@@ -32,9 +33,9 @@ def test_after_warming_up_nothing_is_compiled():
     scans = [scan_at(world, free_pose(world, rng), rng=rng) for _ in range(6)]
     references = ReferenceSet.build(scans)
     warm_up(references, beams=181, batches=[1])
-    compiled = matcher._match_chunks._cache_size()
-    assert np.asarray(matcher.match(scans[0], references).valid).any()
-    assert matcher._match_chunks._cache_size() == compiled
+    compiled = batch._program()._cache_size()
+    assert np.asarray(match(scans[0], references).valid).any()
+    assert batch._program()._cache_size() == compiled
 
 
 @pytest.mark.parametrize(("beams", "batches"), [(0, [1]), (181, [1, 0])])

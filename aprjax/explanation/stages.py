@@ -19,9 +19,9 @@ from aprjax.matcher import (
     MatchConfig,
     MatchResult,
     Ranked,
-    _preselected,
     evaluate,
     exhaustive,
+    preselected,
     rank,
 )
 from aprjax.references import ReferenceIndex, ReferenceSet
@@ -144,7 +144,7 @@ def _trace(
     one = jax.tree.map(lambda array: array[None], query.histogram)
     q_m = preselection_quality(one, features.histogram, relation)[0]
     answering = references.valid & ~jnp.any(references.ids[:, None] == excluded[None, :], axis=1)
-    compared = _preselected(q_m, answering, config)
+    compared = preselected(q_m, answering, config)
     if config.cascade:
         votes = vote(
             references.edges, features.histogram.edges, compared, query.graph, config.voting
