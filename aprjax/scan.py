@@ -23,6 +23,7 @@ class Scan(eqx.Module):
 
     Beam i looks along `angle_min + i * angle_increment`. Arrays may be NumPy's or JAX's and may
     carry leading batch axes; `beams` counts the real ones where `ranges` is padded (with NaN).
+    Raises `ValueError` where the batch axes of a field are not those of the ranges.
     """
 
     ranges: Float[Array, "*batch slots"]
@@ -38,6 +39,15 @@ class Scan(eqx.Module):
     beams: Int[Array, "*batch"]
     """How many of the slots are real beams."""
 
+    def __check_init__(self) -> None:
+        batch = jnp.shape(self.ranges)[:-1]
+        for name in _FIELDS[1:]:
+            if jnp.shape(getattr(self, name)) != batch:
+                raise ValueError(
+                    f"{name}: shape {jnp.shape(getattr(self, name))} is not {batch}, the ranges' "
+                    "without their last axis"
+                )
+
     @classmethod
     def make(
         cls,
@@ -51,12 +61,12 @@ class Scan(eqx.Module):
         """A checked scan on the host from `ranges` `(beams,)`.
 
         Raises `ValueError` naming the field and its value if the ranges are not one-dimensional
-        and non-empty, if an angle or limit is not finite, if the increment is zero or the beams
-        cover more than a full turn, or unless `0 <= range_min < range_max`. No range value is
-        refused: what is not a hit and not +inf is invalid. A last beam that looks where the first
-        one does is left out.
+        and non-empty numbers, if an angle or limit is not finite, if the increment is zero or the
+        beams cover more than a full turn, or unless `0 <= range_min < range_max`. No range value
+        is refused: what is not a hit and not +inf is invalid, what a NumPy mask hides too. A last
+        beam that looks where the first one does is left out. `aprjax.contract` has it as a table.
         """
-        given = np.asarray(ranges)
+        given = _numbers(ranges)
         with np.errstate(over="ignore"):
             values = given.astype(np.float32)
         # A finite value that float32 cannot hold is invalid, not free.
@@ -183,3 +193,16 @@ class Scan(eqx.Module):
                 for name in _FIELDS
             }  # pyright: ignore[reportArgumentType]
         )
+
+
+def _numbers(ranges: Sequence[float] | np.ndarray | Array) -> np.ndarray:
+    """Ranges of any kind of number as they are, NaN where they are masked."""
+    if isinstance(ranges, np.ma.MaskedArray):
+        return ranges.astype(np.float64).filled(np.nan)
+    try:
+        given = np.asarray(ranges)
+    except ValueError:  # lists of several lengths
+        given = np.empty(0, object)
+    if not (jnp.issubdtype(given.dtype, jnp.integer) or jnp.issubdtype(given.dtype, jnp.floating)):
+        raise ValueError("ranges: they are not a sequence of real numbers")
+    return given

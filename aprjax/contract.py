@@ -1,0 +1,62 @@
+"""What becomes of strange input: one table, whose every row a test holds.
+
+The outcome of a range is what its beam becomes: *hit*, *no return* (free up to `range_max`) or
+*invalid* (nothing is known along it). What cannot be a scan, or a call, is an error whose message
+begins with the field's name. What is a scan, but not one that can be localized, is a status of its
+own result; in a batch it leaves its neighbours their bits.
+
+| Input | Outcome |
+| --- | --- |
+| **Ranges of `Scan.make`, in metres** | |
+| from `range_min` to `range_max`, both included | hit |
+| NaN | invalid |
+| +inf | no return |
+| -inf | invalid |
+| 0, even where `range_min` is 0 | invalid |
+| negative | invalid |
+| below `range_min` | invalid |
+| above `range_max` | invalid |
+| finite, but too large for float32 | invalid |
+| millimetres given as metres | invalid |
+| integers | hit |
+| masked by NumPy | invalid |
+| **Readings of a CARMEN log** | |
+| the saturation value of the scanner, which is read often at the very end | no return |
+| the maximum that the line states | no return |
+| SICK's 81.83 (above maximum) | no return |
+| SICK's 81.87, 81.89, 81.90 and 81.91 | invalid |
+| **Other arguments of `Scan.make`** | |
+| no ranges | ValueError: ranges |
+| ranges of several scans | ValueError: ranges |
+| ranges that are no numbers | ValueError: ranges |
+| an angle or limit that is NaN or infinite | ValueError: angle_min |
+| angles that do not change: an increment of 0 | ValueError: angle_increment |
+| angles that descend: the scanner hangs upside down | a scan, clockwise |
+| more than a full turn | ValueError: angle_increment |
+| a full turn with both its ends | a scan, without the last beam |
+| `range_min` negative or not below `range_max` | ValueError: range_min |
+| **Wrong lengths** | |
+| a line of a log with more or fewer readings than it says | skipped and counted |
+| the same, read with `strict` | LogError: line 2 |
+| poses for another number of references | ValueError: T_world_ref |
+| excluded ids for another number of queries | ValueError: exclude |
+| a stack in which a field has another number of scans | ValueError: angle_min |
+| **Batches** | |
+| no scans | ValueError: scans |
+| no references | ValueError: references |
+| scans of different numbers of beams | as each alone |
+| a scan that is a batch itself | ValueError: scans[1] |
+| **Capacities** | |
+| anchors not from 2 to 128 | ValueError: anchors |
+| `top_k`, `hypotheses` or `chunk` below 1 | ValueError: top_k |
+| **Queries** | |
+| no valid beam | too_few_anchors |
+| all beams without return | too_few_anchors |
+| one beam | too_few_anchors |
+| millimetres given as metres, all beams | too_few_anchors |
+| a plain wall | too_few_anchors |
+| no reference with such edges | no_candidate |
+| no hypothesis that reaches `min_quality` | below_threshold |
+| another place that explains the scan about as well | ambiguous |
+| more anchors than the capacity | capacity_exceeded |
+"""
