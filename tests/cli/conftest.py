@@ -6,7 +6,7 @@ from tests.make_logs import write_logs
 
 @pytest.fixture(scope="session")
 def logs(tmp_path_factory):
-    """Paths of a log of 12 references and one of 20 queries near them."""
+    """Paths of a log of 8 references and one of 20 queries near them."""
     return write_logs(tmp_path_factory.mktemp("logs"))
 
 

@@ -22,7 +22,8 @@ PICTURES = ("map.png", "match.png")
 def demo(tmp_path_factory):
     """A small demo: its folder, standard output and standard error."""
     folder = tmp_path_factory.mktemp("demo") / "new"
-    words = ("demo", "--out", str(folder), "--references", "5", "--scans", str(SCANS))
+    size = ("--references", "5", "--scans", str(SCANS), "--resolution", "1")
+    words = ("demo", "--out", str(folder), *size)
     with redirect_stdout(io.StringIO()) as out, redirect_stderr(io.StringIO()) as err:
         assert main(words) == 0
     return folder, out.getvalue(), err.getvalue()
