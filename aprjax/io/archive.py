@@ -1,15 +1,21 @@
-"""NumPy archives as this package writes them, each array checked when it is asked for."""
+"""NumPy archives as this package writes them, each array checked when it is asked for.
 
-import io
+Nothing in a file is executed, and what it claims to hold is held against its size before any
+memory is taken for it.
+"""
+
 import json
 import math
+import os
+import zipfile
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
+import jax
 import numpy as np
 
 from aprjax.configuration import from_dict, to_dict
-from aprjax.features import FeatureConfig
+from aprjax.features import FeatureConfig, describe
 from aprjax.scan import Scan
 
 SCAN_FIELDS = {
@@ -22,6 +28,21 @@ SCAN_FIELDS = {
 """The fields of a stacked scan that are `(references,)`; `ranges` is `(references, slots)`."""
 
 
+MOST_REFERENCES = 1 << 17
+MOST_BEAMS = 1 << 16
+_MOST_BYTES = 1 << 32  # of all arrays of a file, and of what is described of its scans
+_PACKED = 100  # times that a file's arrays may be longer than it is,
+_SMALL = 1 << 26  # where they are longer than this
+_CAPACITY = 4  # times its default that a capacity in a file may be
+_LOADED_UNCHECKED = 1 << 14  # references that stay below _MOST_BYTES with any such capacities
+_FORMAT_BYTES = 1 << 10
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+_HEADERS = {
+    (1, 0): np.lib.format.read_array_header_1_0,
+    (2, 0): np.lib.format.read_array_header_2_0,
+}
+
+
 class ArchiveError(ValueError):
     """A file that cannot be used: why, in one line without its path."""
 
@@ -29,19 +50,69 @@ class ArchiveError(ValueError):
 def read_archive(path: Path, kind: str) -> "Archive":
     """All arrays of a file that should be of this `kind`, such as "reference file"."""
     try:
-        data = path.read_bytes()
+        with path.open("rb") as file:
+            head = file.read(2)
+            if not head:
+                raise ArchiveError("the file is empty")
+            if head != b"PK":
+                raise ArchiveError(f"not a {kind}")
+            return Archive(_arrays(file), kind)
     except OSError as error:
         raise ArchiveError(error.strerror or str(error)) from None
-    if not data:
-        raise ArchiveError("the file is empty")
-    if data[:2] != b"PK":
-        raise ArchiveError(f"not a {kind}")
+
+
+def archive_format(path: Path) -> str | None:
+    """What a file says its format is; None if that is no archive of this package's.
+
+    Raises `OSError` if it cannot be read.
+    """
+    with path.open("rb") as file:
+        # Damage shows as whatever zipfile, zlib or NumPy's parser of headers stumbles over.
+        try:
+            with zipfile.ZipFile(file) as archive:
+                member = archive.getinfo("format.npy")
+                return str(_array(archive, member)) if member.file_size < _FORMAT_BYTES else None
+        except Exception:
+            return None
+
+
+def _arrays(file: IO[bytes]) -> dict[str, np.ndarray]:
+    size = os.fstat(file.fileno()).st_size
     try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-            return Archive({name: archive[name] for name in archive.files}, kind)
-    # Damage shows as whatever zipfile, zlib or NumPy's parser of headers stumbles over.
+        with zipfile.ZipFile(file) as archive:
+            members = [each for each in archive.infolist() if each.filename.endswith(".npy")]
+            claimed = sum(member.file_size for member in members)
+            if claimed > min(_MOST_BYTES, max(_SMALL, _PACKED * size)):
+                raise ArchiveError(f"claims to hold {claimed} bytes, too many for its {size}")
+            return {
+                member.filename.removesuffix(".npy"): _array(archive, member) for member in members
+            }
+    except ArchiveError:
+        raise
     except Exception:
         raise ArchiveError("cut off or damaged: not a readable archive") from None
+
+
+def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
+    """One array of plain numbers or text. Raises whatever damage leads to.
+
+    Not `np.load`, which takes the memory that a header asks for before it looks for the contents.
+    """
+    if member.compress_type not in _METHODS:
+        raise ValueError("packed in a way that NumPy does not use")
+    with archive.open(member) as stream:
+        read_header = _HEADERS[np.lib.format.read_magic(stream)]
+        shape, transposed, dtype = read_header(stream)
+        if dtype.kind not in "biufU" or min(shape, default=0) < 0:
+            raise ValueError("neither numbers nor text")
+        length = math.prod(shape) * dtype.itemsize
+        if length != member.file_size - stream.tell():
+            raise ValueError("the header does not fit the contents")
+        data = bytearray(length)
+        if stream.readinto(data) != length:
+            raise ValueError("cut off")
+    array = np.frombuffer(data, dtype) if length else np.empty(0, dtype)
+    return array.reshape(shape[::-1]).T if transposed else array.reshape(shape)
 
 
 class Archive:
@@ -102,6 +173,7 @@ class Archive:
     def scans(self, count: int) -> Scan:
         """The stacked scans, of which each one is as `Scan.make` demands."""
         ranges = self.get("ranges", (count, None), np.float32)
+        check_size(*ranges.shape)
         fields = {name: self.get(name, (count,), kind) for name, kind in SCAN_FIELDS.items()}
         for name, values in fields.items():
             check_all(np.isfinite(values), f"{name}[{{}}] is not finite")
@@ -118,6 +190,29 @@ class Archive:
         return Scan(ranges=ranges, **fields)  # pyright: ignore[reportArgumentType]
 
 
+def check_size(references: int, beams: int) -> None:
+    """Raise unless a file may hold so many references of so many beams."""
+    if references > MOST_REFERENCES:
+        raise ArchiveError(f"{references} references are more than {MOST_REFERENCES}")
+    if beams > MOST_BEAMS:
+        raise ArchiveError(f"{beams} beams are more than {MOST_BEAMS}")
+
+
+def check_described(scans: Scan, features: FeatureConfig) -> None:
+    """Raise if what is described of a file's scans would take more memory than a file may ask for.
+
+    A few bytes of a file can stand for a scan whose features are thousands.
+    """
+    count, slots = np.shape(scans.ranges)
+    if count <= _LOADED_UNCHECKED and count * slots <= _MOST_BYTES >> 8:
+        return
+    one = jax.tree.map(lambda array: array[0], scans)
+    described = jax.tree.leaves(jax.eval_shape(describe, one, features))
+    size = count * sum(leaf.size * leaf.dtype.itemsize for leaf in described)
+    if size > _MOST_BYTES:
+        raise ArchiveError(f"its {count} references would take {size} bytes when described")
+
+
 def check_all(right: np.ndarray, message: str) -> None:
     """Raise with the first index at which something is not right in the message."""
     wrong = np.flatnonzero(~right)
@@ -132,7 +227,10 @@ def read_features(text: str) -> FeatureConfig:
     except (ValueError, RecursionError):
         raise ArchiveError("features is not JSON") from None
     _check_like(to_dict(FeatureConfig()), values, "features")
-    return from_dict(FeatureConfig, values)
+    try:
+        return from_dict(FeatureConfig, values)
+    except ValueError as error:
+        raise ArchiveError(f"features: {error}") from None
 
 
 def _check_like(default: Any, value: Any, name: str) -> None:
@@ -150,3 +248,5 @@ def _check_like(default: Any, value: Any, name: str) -> None:
             raise ArchiveError(f"{name} is not a finite number")
     elif not isinstance(value, int) or isinstance(value, bool) or value < 0:
         raise ArchiveError(f"{name} is not a whole number from 0")
+    elif value > _CAPACITY * default:
+        raise ArchiveError(f"{name} is over {_CAPACITY * default}")

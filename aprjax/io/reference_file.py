@@ -17,6 +17,8 @@ from aprjax.io.archive import (
     Archive,
     ArchiveError,
     check_all,
+    check_described,
+    check_size,
     read_archive,
     read_features,
 )
@@ -34,11 +36,13 @@ class ReferenceFileError(ValueError):
 def save_references(references: ReferenceSet, path: str | os.PathLike[str]) -> None:
     """Write a reference set to exactly `path`, completely or not at all (see `atomic_write`).
 
-    Raises `ValueError` for a set without references and `OSError` where it cannot be written.
+    Raises `ValueError` for a set without references or with too many, and `OSError` where it
+    cannot be written.
     """
     if len(references) == 0:
         raise ValueError("references: the set is empty")
     scans = references.scans
+    check_size(*np.shape(scans.ranges))
     arrays: dict[str, Any] = {
         "format": np.array(FORMAT),
         "version": np.int64(VERSION),
@@ -67,6 +71,7 @@ def load_references(path: str | os.PathLike[str]) -> ReferenceSet:
         scans = arrays.scans(len(ids))
         poses = _poses(arrays, len(ids)) if version > 1 else None
         config = read_features(str(arrays.get("features", (), "U")))
+        check_described(scans, config)
     except ArchiveError as error:
         raise ReferenceFileError(f"{os.fspath(path)}: {error}") from None
     return ReferenceSet.restore(scans, ids, next_id, config, poses)

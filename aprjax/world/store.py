@@ -12,7 +12,16 @@ from typing import Any
 import numpy as np
 
 from aprjax.configuration import to_dict
-from aprjax.io.archive import SCAN_FIELDS, Archive, ArchiveError, read_archive, read_features
+from aprjax.io.archive import (
+    SCAN_FIELDS,
+    Archive,
+    ArchiveError,
+    archive_format,
+    check_described,
+    check_size,
+    read_archive,
+    read_features,
+)
 from aprjax.io.atomic import atomic_write
 from aprjax.scan import Scan
 from aprjax.world.model import WorldModel
@@ -31,14 +40,16 @@ class MapFileError(ValueError):
 def save_map(world: WorldModel, path: str | os.PathLike[str]) -> None:
     """Write a world model to exactly `path`, completely or not at all (see `atomic_write`).
 
-    Raises `ValueError` for a model without nodes, `WorldModelError` for an inconsistent one, and
-    `OSError` where it cannot be written.
+    Raises `ValueError` for a model without nodes or with too many references, `WorldModelError`
+    for an inconsistent one, and `OSError` where it cannot be written.
     """
     if not world.nodes:
         raise ValueError("world: there is no node")
     world.check()
+    arrays = _packed(world)
+    check_size(*arrays["ranges"].shape)
     with atomic_write(path, "wb") as file:
-        np.savez_compressed(file, **_packed(world))
+        np.savez_compressed(file, **arrays)
 
 
 def load_map(path: str | os.PathLike[str]) -> WorldModel:
@@ -57,16 +68,7 @@ def load_map(path: str | os.PathLike[str]) -> WorldModel:
 
 def looks_like_map(path: str | os.PathLike[str]) -> bool:
     """Whether a file says that it is a map. Raises `OSError` if it cannot be read."""
-    with Path(path).open("rb") as file:
-        if file.read(2) != b"PK":
-            return False
-        file.seek(0)
-        # Damage shows as whatever zipfile, zlib or NumPy's parser of headers stumbles over.
-        try:
-            with np.load(file, allow_pickle=False) as archive:
-                return str(archive["format"]) == FORMAT
-        except Exception:
-            return False
+    return archive_format(Path(path)) == FORMAT
 
 
 def _packed(world: WorldModel) -> dict[str, Any]:
@@ -138,6 +140,7 @@ def _read_references(arrays: Archive, world: WorldModel) -> None:
     count = len(arrays.get("reference_ids", (None,), np.int64))
     ids, appearances = _read_appearances(arrays, "reference", count)
     scans = arrays.scans(count)
+    check_described(scans, world.features)
     fields = {name: np.asarray(getattr(scans, name)) for name in ("ranges", *SCAN_FIELDS)}
     each = [Scan(**{name: array[row] for name, array in fields.items()}) for row in range(count)]  # pyright: ignore[reportArgumentType]
     next_id = int(arrays.get("next_id", (), np.int64))
