@@ -111,6 +111,7 @@ class BagLog(Log):
     def __iter__(self) -> Iterator[LogEntry]:
         with _opened(self.path) as reader:
             numbers = dict.fromkeys(self.report.lasers, 0)
+            found = 0
             for topic, time, read in _messages(self.path, reader, self.report.lasers):
                 numbers[topic] += 1
                 try:
@@ -119,6 +120,7 @@ class BagLog(Log):
                     scan = reading.scan(self.report.saturations.get(topic), mount.upside_down)
                 except (ValueError, AttributeError):
                     continue
+                found += 1
                 yield LogEntry(
                     scan=scan,
                     odometry=self._pose(reading.stamp, mount),
@@ -127,6 +129,10 @@ class BagLog(Log):
                     logged_pose=None,
                     line=numbers[topic],
                 )
+        if found != self.report.scans:
+            raise LogError(
+                f"{self.path}: damaged: {found} scans where the survey found {self.report.scans}"
+            )
 
     def _pose(self, stamp: float, mount: "_Mount") -> np.ndarray | None:
         if self._odometry is None:
