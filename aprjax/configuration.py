@@ -49,7 +49,8 @@ def from_dict(kind: type[_Config], values: dict[str, Any]) -> _Config:
     """The configuration of type `kind` that `to_dict` made `values` from.
 
     Fields that `values` lacks keep their defaults. Raises `ValueError` naming a field that
-    `kind` does not have.
+    `kind` does not have, and one whose value is none of its type: numbers, but no NaN, for
+    thresholds, whole ones for capacities.
     """
     fields = {f.name: f for f in dataclasses.fields(kind)}
     for name in values:
@@ -58,10 +59,29 @@ def from_dict(kind: type[_Config], values: dict[str, Any]) -> _Config:
 
     def read(name: str, value: Any) -> Any:
         default: Any = fields[name].default
-        if isinstance(value, dict) != isinstance(default, eqx.Module):
+        if not _fits(value, default, fields[name].metadata.get("static", False)):
+            shown = to_dict(default) if isinstance(default, eqx.Module) else default
             raise ValueError(
-                f"{kind.__name__}.{name}: {value!r} does not fit its default {default!r}"
+                f"{kind.__name__}.{name}: {repr(value)[:40]} does not fit its default {shown}"
             )
         return from_dict(type(default), value) if isinstance(value, dict) else value
 
     return kind(**{name: read(name, value) for name, value in values.items()})
+
+
+def _fits(value: Any, default: Any, static: bool) -> bool:
+    """Whether a plain value may stand where the default of a capacity or threshold does."""
+    if isinstance(default, eqx.Module):
+        return isinstance(value, dict)
+    if isinstance(default, bool):
+        return isinstance(value, bool)
+    if static:
+        whole = isinstance(value, int) and not isinstance(value, bool)
+        return whole or (value is None and default is None)
+    if isinstance(value, bool) or not isinstance(value, int | float | list):
+        return False
+    try:
+        with np.errstate(over="raise"):
+            return not np.isnan(np.asarray(value, np.float32)).any()
+    except (TypeError, ValueError, OverflowError, FloatingPointError):
+        return False

@@ -79,7 +79,7 @@ class Scan(eqx.Module):
             ("range_min", range_min),
             ("range_max", range_max),
         ):
-            if not abs(value) <= np.finfo(np.float32).max:
+            if not abs(value) <= float(np.finfo(np.float32).max):
                 raise ValueError(f"{name}: {value} is not finite in float32")
         # Some drivers report both ends of a turn: the last beam is the first one again.
         if angle_increment == 0 or abs(angle_increment) * (values.size - 1) > 2 * np.pi * 1.001:

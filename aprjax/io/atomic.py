@@ -15,23 +15,34 @@ def atomic_write(path: str | os.PathLike[str], mode: Literal["w", "wb"] = "w") -
     Text is UTF-8 with newlines as written. Until then the bytes are in a temporary file of the
     same folder, which an error removes; what was at `path` stays. The permissions are those of
     any new file (the umask). A symbolic link keeps pointing where it did. Raises `OSError`
-    where the folder cannot be written.
+    naming `path` where it cannot be written, also where a full disk shows only in the block.
     """
     target = Path(path).resolve()
     text: dict[str, Any] = {} if "b" in mode else {"encoding": "utf-8", "newline": ""}
     # A device or a pipe (/dev/null, /dev/stdout) is written to: replacing it would destroy it.
     if target.exists() and not target.is_file():
-        with target.open(mode, **text) as file:
+        with _named(path), target.open(mode, **text) as file:
             yield file
         return
     # Not tempfile, whose files are private to the user whatever the umask.
     temporary = target.with_name(f".{secrets.token_hex(8)}.tmp")
     try:
-        with temporary.open(mode.replace("w", "x"), **text) as file:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(target)
+        with _named(path):
+            with temporary.open(mode.replace("w", "x"), **text) as file:
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+            temporary.replace(target)
     except BaseException:
         temporary.unlink(missing_ok=True)
+        raise
+
+
+@contextmanager
+def _named(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Let an `OSError` name the file that was to be written, not a passing one or none."""
+    try:
+        yield
+    except OSError as error:
+        error.filename, error.filename2 = os.fspath(path), None
         raise

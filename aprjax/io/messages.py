@@ -19,6 +19,8 @@ _OLD_LASERS = {
     "LASER3": "laser3",
     "LASER4": "laser4",
 }
+FARTHEST = 1e15
+"""Of poses and stamps: differences and sums of what is not larger are finite."""
 OTHER_KINDS = ("ODOM", "PARAM", "VERTEX2", "EDGE2", "TRUEPOS", "SYNC")
 
 
@@ -98,7 +100,7 @@ def _sweep(words: list[str], *, robot: bool) -> Sweep:
     m = _count(words, 9 + n, least=0)
     tail = 10 + n + m
     _expect(words, tail + (14 if robot else 3))
-    start, _, resolution, maximum = _numbers(words[2:6])
+    start, _, resolution, maximum = _numbers(words[2:6]).tolist()
     if not (abs(start) <= 2 * math.pi and 1e-6 < abs(resolution) * max(n - 1, 1) <= 6.29):
         raise ValueError(f"{n} readings from {start} rad at {resolution} rad are no field of view")
     return Sweep(
@@ -136,4 +138,6 @@ def _pose(words: list[str]) -> np.ndarray:
     pose = _numbers(words)
     if not np.isfinite(pose).all():
         raise ValueError(f"not finite: {' '.join(words)}")
+    if (abs(pose) > FARTHEST).any():
+        raise ValueError(f"too large: {' '.join(words)}")
     return pose

@@ -1,5 +1,6 @@
 """Trajectories as text in TUM's format, a pose a line: stamp x y z qx qy qz qw."""
 
+import math
 import os
 from pathlib import Path
 
@@ -77,7 +78,7 @@ def _numbers(words: list[str]) -> list[float]:
             raise ValueError(f"{word[:20]!r} is not a number") from None
         if not np.isfinite(numbers[-1]):
             raise ValueError(f"{word[:20]} is not finite")
-    length = float(np.linalg.norm(numbers[4:]))
+    length = math.hypot(*numbers[4:])
     if abs(length - 1) > _UNIT:
         raise ValueError(f"the quaternion {' '.join(words[4:])} has length {length:.3g}, not 1")
     return numbers

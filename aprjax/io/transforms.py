@@ -5,6 +5,8 @@ from array import array
 
 import numpy as np
 
+from aprjax.io.messages import FARTHEST
+
 
 class TransformTree:
     """The transforms of a bag: of each frame, where it is in its parent."""
@@ -71,12 +73,15 @@ def pose_matrix(
 ) -> np.ndarray:
     """`(4, 4)` of a translation and a quaternion x, y, z, w.
 
-    Raises `ValueError` for a number that is not finite and a quaternion of length zero.
+    Raises `ValueError` for a number that is not finite or too large and a quaternion of length
+    zero.
     """
     quaternion = np.array(rotation, float)
     length = float(np.linalg.norm(quaternion))
     if not all(map(math.isfinite, (*translation, length))):
         raise ValueError("a pose is not finite")
+    if max(map(abs, translation)) > FARTHEST:
+        raise ValueError("a pose is too large")
     if length < 1e-6:
         raise ValueError("a quaternion has length 0")
     x, y, z, w = quaternion / length

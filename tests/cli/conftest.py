@@ -1,3 +1,5 @@
+import resource
+
 import pytest
 
 from aprjax.cli.main import main
@@ -23,3 +25,12 @@ def command(capsys):
         return status, captured.out, captured.err
 
     return run
+
+
+@pytest.fixture
+def full_disk():
+    """No file can grow past a few bytes, as on a disk that is full."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (200, hard))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))

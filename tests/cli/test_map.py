@@ -1,4 +1,7 @@
 import json
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -117,3 +120,25 @@ def test_bad_usage_is_told_apart(command):
         status, _, err = command(*words)
         assert status == 2
         assert "usage" in err
+
+
+@pytest.mark.usefixtures("full_disk")
+@pytest.mark.parametrize("words", [("show", "m.png"), ("export", "m.json"), ("export", "m.g2o")])
+def test_a_full_disk_is_one_line_and_leaves_no_half_file(small, tmp_path, command, words):
+    kind, name = words
+    status, out, err = command("map", kind, small, "--out", tmp_path / name)
+    assert (status, out) == (1, "")
+    assert err == f"aprjax: {tmp_path / name}: File too large\n"
+    assert not list(tmp_path.iterdir())
+
+
+def test_standard_output_that_is_full_is_one_line(small):
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "aprjax.cli.main", "map", "info", str(small)],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            cwd=Path(__file__).resolve().parents[2],
+        )
+    assert (done.returncode, done.stderr) == (1, "aprjax: No space left on device\n")

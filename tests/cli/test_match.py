@@ -238,7 +238,21 @@ def test_inputs_are_not_overwritten(logs, command, monkeypatch):
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
 def test_a_full_disk_is_one_line(logs, command):
     status, _, err = command("match", *logs, "--out", "/dev/full")
-    assert (status, err) == (1, "aprjax: No space left on device\n")
+    assert (status, err) == (1, "aprjax: /dev/full: No space left on device\n")
+
+
+@pytest.mark.usefixtures("table", "full_disk")
+@pytest.mark.parametrize("option", ["--out", "--save-references"])
+def test_a_disk_that_becomes_full_is_one_line_and_leaves_no_half_file(
+    logs, tmp_path, command, option
+):
+    words = {"--out": "-"} | {option: tmp_path / "file"}
+    status, _, err = command("match", *logs, *(word for pair in words.items() for word in pair))
+    assert status == 1
+    assert err.startswith(f"aprjax: {tmp_path / 'file'}")
+    assert err.endswith(": File too large\n")
+    assert err.count("\n") == 1
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
 def test_interruption_is_one_line(logs, tmp_path, command, monkeypatch):

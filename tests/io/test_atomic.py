@@ -1,5 +1,9 @@
 import os
+import signal
 import stat
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -68,3 +72,41 @@ def test_a_missing_folder_or_a_folder_itself_is_an_os_error(tmp_path, name):
     with pytest.raises(OSError), atomic_write(tmp_path / name) as file:
         file.write("x")
     assert not list(tmp_path.iterdir())
+
+
+def test_an_error_names_the_file_that_was_to_be_written(tmp_path):
+    with pytest.raises(OSError) as caught, atomic_write("/dev/full") as file:
+        file.write("x")
+    assert caught.value.filename == "/dev/full"
+    path = tmp_path / "missing" / "file"
+    with pytest.raises(FileNotFoundError) as caught, atomic_write(path):
+        pass
+    assert caught.value.filename == str(path)
+
+
+_WRITER = """
+import itertools, sys
+from aprjax.io.atomic import atomic_write
+for number in itertools.count():
+    with atomic_write(sys.argv[1], "wb") as file:
+        for _ in range(64):
+            file.write(b"%08d" % number * 4096)
+    print(number, flush=True)
+"""
+
+
+def test_a_process_killed_at_any_moment_leaves_a_whole_file_no_older_than_it_said(tmp_path):
+    path, root = tmp_path / "file", Path(__file__).resolve().parents[2]
+    for number in range(2):
+        with subprocess.Popen(
+            [sys.executable, "-c", _WRITER, str(path)], stdout=subprocess.PIPE, cwd=root, text=True
+        ) as process:
+            assert process.stdout is not None
+            process.stdout.readline()
+            time.sleep(0.017 * number + 0.002)
+            process.send_signal(signal.SIGKILL)
+            said = int((["0", *process.stdout.read().split()])[-1])
+        data = path.read_bytes()
+        assert len(data) == 64 * 4096 * 8
+        assert data == data[:8] * (len(data) // 8)
+        assert int(data[:8]) >= said
