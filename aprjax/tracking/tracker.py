@@ -33,8 +33,11 @@ from aprjax.tracking.sources import (
 from aprjax.tracking.state import belief_of_state, state_of_belief
 from aprjax.tracking.validation import IdcSource
 from aprjax.world.model import WorldModel
+from aprjax.world.parts import Place
 
 _log = logging.getLogger(__name__)
+
+_FARTHEST = 1e9  # metres, radians, m²: beyond it no number of a source is believed
 
 
 class TrackerConfig(eqx.Module):
@@ -110,8 +113,8 @@ class HypothesisTracker:
         for source in self.tracking:
             if source.reads in readings:
                 expected = fuse(steps, float(self.config.unmeasured)) if steps else None
-                step = self._ask(source, source.step, readings[source.reads], expected)
-                if step is not None and _sound(step):
+                step = self._ask(source, _sound, source.step, readings[source.reads], expected)
+                if step is not None:
                     steps.append(step)
         if steps:
             self._measured = stamp
@@ -125,18 +128,24 @@ class HypothesisTracker:
         evidence = self.config.evidence
         for number, source in enumerate(self.primary):
             if source.reads in readings:
-                found = self._ask(source, source.locate, readings[source.reads], self.world)
-                if found is not None:
-                    known = [estimate for estimate in found if self._usable(estimate)]
+                known = self._ask(
+                    source, self._usable, source.locate, readings[source.reads], self.world
+                )
+                if known is not None:
                     places = merge(known, self._near, evidence.volume)
                     count = self._weight(f"primary {number}")
                     self.belief = located(self.belief, places, count, self._near, evidence)
         for number, source in enumerate(self.validation):
             if source.reads in readings and self.belief.hypotheses:
                 verdicts = self._ask(
-                    source, source.judge, readings[source.reads], self.hypotheses, self.world
+                    source,
+                    self._valid,
+                    source.judge,
+                    readings[source.reads],
+                    self.hypotheses,
+                    self.world,
                 )
-                if verdicts is not None and self._valid(source, verdicts):
+                if verdicts is not None:
                     count = self._weight(f"validation {number}")
                     self.belief = judged(self.belief, verdicts, count, self._near, evidence)
         return self.belief
@@ -224,36 +233,48 @@ class HypothesisTracker:
             timely[name] = reading
         return timely
 
-    def _ask(self, source: Any, question: Callable[..., Any], *about: Any) -> Any:
-        """A source's answer; None, and a line in the log, if it raises."""
+    def _ask(
+        self,
+        source: Any,
+        sound: Callable[[Any], Any],
+        question: Callable[..., Any],
+        *about: Any,
+    ) -> Any:
+        """What is `sound` of a source's answer; None, and a line in the log, if either raises."""
         try:
-            return question(*about)
+            answer = question(*about)
+            return None if answer is None else sound(answer)
         except Exception as error:
             _log.warning("%s: %s: %s", type(source).__name__, type(error).__name__, error)
             return None
 
-    def _usable(self, estimate: Estimate) -> bool:
-        sound = (
-            estimate.place.node in self.world.graph
-            and np.all(np.isfinite(estimate.place.T_node_laser))
-            and np.all(np.isfinite(estimate.covariance))
-            and 0.0 <= estimate.probability <= 1.0
-        )
-        if not sound:
-            _log.warning("an estimate is left out: %s", estimate)
-        return bool(sound)
+    def _usable(self, found: Sequence[Estimate]) -> list[Estimate]:
+        """The estimates that can be true."""
+        known = []
+        for estimate in found:
+            if (
+                self._exists(estimate.place)
+                and _finite(estimate.covariance, (3, 3))
+                and 0.0 <= estimate.probability <= 1.0
+            ):
+                known.append(estimate)
+            else:
+                _log.warning("an estimate is left out: %s", estimate)
+        return known
 
-    def _valid(self, source: ValidationSource, verdicts: Sequence[Verdict]) -> bool:
-        """Whether there is a sound verdict for each hypothesis."""
-        sound = len(verdicts) == len(self.hypotheses) and all(
-            math.isfinite(verdict.likelihood)
-            and verdict.likelihood >= 0
-            and (verdict.place is None or verdict.place.node in self.world.graph)
-            for verdict in verdicts
-        )
-        if not sound:
-            _log.warning("%s: its verdicts are left out", type(source).__name__)
-        return sound
+    def _valid(self, verdicts: Sequence[Verdict]) -> Sequence[Verdict]:
+        """The verdicts. Raises `ValueError` unless there is a sound one for each hypothesis."""
+        if len(verdicts) != len(self.hypotheses):
+            raise ValueError(f"{len(verdicts)} verdicts on {len(self.hypotheses)} hypotheses")
+        for verdict in verdicts:
+            placed = verdict.place is None or self._exists(verdict.place)
+            sure = verdict.covariance is None or _finite(verdict.covariance, (3, 3))
+            if not (placed and sure and 0 <= verdict.likelihood < math.inf):
+                raise ValueError(f"no sound verdict: {verdict}")
+        return verdicts
+
+    def _exists(self, place: Place) -> bool:
+        return place.node in self.world.graph and _finite(place.T_node_laser, (3,))
 
 
 def motion_sources(
@@ -264,8 +285,20 @@ def motion_sources(
     return wheels, ScanMotion(features=world.features), ScanContinuity()
 
 
-def _sound(step: Step) -> bool:
-    sound = np.all(np.isfinite(step.T_before_now)) and not np.any(np.isnan(step.covariance))
-    if not sound:
-        _log.warning("a step is left out: %s", step)
-    return bool(sound)
+def _sound(step: Step) -> Step:
+    """The step. Raises `ValueError` unless it can be one."""
+    covariance = np.asarray(step.covariance, float)
+    if not (
+        _finite(step.T_before_now, (3,))
+        and covariance.shape == (3, 3)
+        and not np.any(np.isnan(covariance))
+        and 0 <= step.doubt <= 1
+    ):
+        raise ValueError(f"no sound step: {step}")
+    return step
+
+
+def _finite(numbers: np.ndarray, shape: tuple[int, ...]) -> bool:
+    """Whether they are so many, and none so large that what follows could overflow."""
+    values = np.asarray(numbers, float)
+    return values.shape == shape and bool(np.all(np.abs(values) <= _FARTHEST))

@@ -7,6 +7,7 @@ import pytest
 
 from aprjax.tracking.belief import Situation
 from aprjax.tracking.evidence import EvidenceConfig
+from aprjax.tracking.hypothesis import Step
 from aprjax.tracking.odometry import Gyro, WheelOdometry
 from aprjax.tracking.sources import Estimate, Verdict
 from aprjax.tracking.tracker import HypothesisTracker, TrackerConfig
@@ -409,7 +410,18 @@ def test_an_estimate_that_means_nothing_is_left_out(estimate, caplog):
     assert "left out" in caplog.text
 
 
-@pytest.mark.parametrize("verdicts", [[], [Verdict(np.nan)], [Verdict(-1.0)]])
+@pytest.mark.parametrize(
+    "verdicts",
+    [
+        [],
+        [Verdict(np.nan)],
+        [Verdict(-1.0)],
+        [Verdict(1.0, Place(0, np.full(3, np.nan)))],
+        [Verdict(1.0, Place(0, np.zeros(3)), np.full((3, 3), np.inf))],
+        [None],
+        3,
+    ],
+)
 def test_verdicts_that_mean_nothing_are_left_out(verdicts):
     class Odd:
         reads = "verdict"
@@ -422,10 +434,20 @@ def test_verdicts_that_mean_nothing_are_left_out(verdicts):
     assert made.observe(verdict=0) is before
 
 
-def test_a_step_that_is_not_finite_is_left_out():
+@pytest.mark.parametrize(
+    "step", [drive(np.nan), drive(1e300), drive(doubt=np.nan), "north", [], Step(EXACT, EXACT)]
+)
+def test_a_step_that_means_nothing_is_left_out(step):
     made = sure()
     before = made.belief
-    assert made.move(step=drive(np.nan)) is before
+    assert made.move(step=step) is before
+
+
+@pytest.mark.parametrize("estimates", [3, "here", [None], [[]]])
+def test_what_are_no_estimates_is_left_out(estimates):
+    made = sure()
+    before = made.belief
+    assert made.observe(estimates=estimates) is before
 
 
 # Time
