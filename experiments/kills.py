@@ -193,8 +193,8 @@ def main() -> int:
             }
         )
         broken += [f"{command} {line}" for line in outcome.broken]
-    print_table(rows)
-    write_table(rows, folder / "kills.csv")
+        print_table(rows[-1:])
+        write_table(rows, folder / "kills.csv")
     for line in broken:
         print(line, file=sys.stderr)
     return int(bool(broken))
