@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from aprjax.matcher import MatchConfig, MatchResult, match_together
-from aprjax.numerics import bucket
+from aprjax.numerics import bucket, single_precision
 from aprjax.references import ReferenceIndex, ReferenceSet
 from aprjax.scan import Scan
 
@@ -70,16 +70,18 @@ def match_batch(
         here = jax.tree.map(lambda array: np.asarray(array)[start : start + part], batch)
         count = here.ranges.shape[0]
         ids = np.pad(excluded[start : start + part], [(0, slots - count), (0, 0)])
-        return _program()(
-            here.pad_batch(slots),
-            ids,
-            np.int32(count),
-            references.index,
-            thresholds,
-            rules,
-            chunk,
-            together=not on_cpu,
-        )
+        # A setting of the thread, of which each has its own.
+        with single_precision():
+            return _program()(
+                here.pad_batch(slots),
+                ids,
+                np.int32(count),
+                references.index,
+                thresholds,
+                rules,
+                chunk,
+                together=not on_cpu,
+            )
 
     # XLA runs the calls of one thread one after another, those of several at the same time. The
     # first one compiles for all.

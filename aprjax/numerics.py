@@ -1,6 +1,7 @@
 """Numerical helpers that every stage shares: safe norms, angles, bucket sizes."""
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from typing import TypeVar
 
 import jax
@@ -16,6 +17,18 @@ _Loaded = TypeVar("_Loaded")
 _State = TypeVar("_State")
 
 _TINY = float(np.finfo(np.float32).tiny)
+
+
+def single_precision() -> AbstractContextManager[object]:
+    """What the engine is called in: 32 bits, also where the process has allowed JAX 64.
+
+    Counters and indices would else be 64 bits wide, half as fast, and promote what they meet.
+    """
+    if hasattr(jax, "enable_x64"):
+        return jax.enable_x64(False)
+    from jax.experimental import disable_x64  # before jax 0.8
+
+    return disable_x64()
 
 
 def wrap(angle: Float[Array, "..."], period: float = 2 * np.pi) -> Float[Array, "..."]:
