@@ -14,7 +14,7 @@ from aprjax.features import FeatureConfig, Features, describe
 from aprjax.grid.occupancy_grid import OccupancyGrid
 from aprjax.grid.rendering import render
 from aprjax.grid.viewpoints import viewpoints
-from aprjax.numerics import bucket
+from aprjax.numerics import bucket, single_precision
 from aprjax.relations.edge_table import EdgeTable
 from aprjax.scan import Scan
 
@@ -207,10 +207,11 @@ def _described(scans: Scan, config: FeatureConfig) -> Features:
     count = scans.ranges.shape[0]
     size = min(_CHUNK, bucket(count))
     padded = scans.pad_batch(max(-(-count // size), 1) * size)
-    chunks = [
-        _describe_chunk(_rows(padded, slice(start, start + size)), config)
-        for start in range(0, max(count, 1), size)
-    ]
+    with single_precision():
+        chunks = [
+            _describe_chunk(_rows(padded, slice(start, start + size)), config)
+            for start in range(0, max(count, 1), size)
+        ]
     return jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *chunks)
 
 

@@ -572,3 +572,15 @@ def test_a_batch_that_several_processors_share_has_every_query_once_and_in_its_p
     jax.tree.map(
         lambda ours, whole: np.testing.assert_allclose(ours, whole[:5], atol=1e-4), shared, result
     )
+
+
+def test_where_a_process_allows_64_bits_results_are_the_same_to_the_bit(scene, result):
+    jax.config.update("jax_enable_x64", True)
+    try:
+        references = ReferenceSet.build(scene.reference_scans)
+        found = match_batch(scene.queries, references)
+    finally:
+        jax.config.update("jax_enable_x64", False)
+    assert_identical(to_numpy(found), result)
+    for leaf in jax.tree.leaves((found, references.index)):
+        assert np.asarray(leaf).dtype.itemsize <= 4

@@ -16,6 +16,7 @@ from aprjax.cli.map import map_facts, open_map
 from aprjax.io.log import LogError, LogReport
 from aprjax.io.reference_file import VERSION
 from aprjax.io.rosbag import LASER_TYPES, ODOMETRY, Topic, bag_topics, is_bag
+from aprjax.numerics import single_precision
 from aprjax.scan import Scan
 from aprjax.world.store import VERSION as MAP_VERSION
 from aprjax.world.store import looks_like_map
@@ -148,7 +149,8 @@ def _mean_anchors(scans: list[Scan]) -> float:
     """Mean number of anchors of a few scans, evenly spread."""
     count = min(len(scans), _SAMPLE)
     sample = Scan.stack([scans[i * len(scans) // count] for i in range(count)])
-    found = _extract(sample.pad_batch(_SAMPLE), ExtractionConfig())
+    with single_precision():
+        found = _extract(sample.pad_batch(_SAMPLE), ExtractionConfig())
     return round(float(np.sum(found.valid)) / count, 2)
 
 
