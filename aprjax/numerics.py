@@ -26,7 +26,7 @@ def single_precision() -> AbstractContextManager[object]:
     """
     if hasattr(jax, "enable_x64"):
         return jax.enable_x64(False)
-    from jax.experimental import disable_x64  # before jax 0.8
+    from jax.experimental import disable_x64  # pyright: ignore[reportAttributeAccessIssue]
 
     return disable_x64()
 

@@ -198,7 +198,7 @@ class Scan(eqx.Module):
 def _numbers(ranges: Sequence[float] | np.ndarray | Array) -> np.ndarray:
     """Ranges of any kind of number as they are, NaN where they are masked."""
     if isinstance(ranges, np.ma.MaskedArray):
-        return ranges.astype(np.float64).filled(np.nan)
+        return np.ma.filled(ranges.astype(np.float64), np.nan)
     try:
         given = np.asarray(ranges)
     except ValueError:  # lists of several lengths

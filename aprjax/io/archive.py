@@ -108,9 +108,9 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
         length = math.prod(shape) * dtype.itemsize
         if length != member.file_size - stream.tell():
             raise ValueError("the header does not fit the contents")
-        data = bytearray(length)
-        if stream.readinto(data) != length:
-            raise ValueError("cut off")
+        data = bytearray(stream.read(length))  # so that the array can be written to
+    if len(data) != length:
+        raise ValueError("cut off")
     array = np.frombuffer(data, dtype) if length else np.empty(0, dtype)
     return array.reshape(shape[::-1]).T if transposed else array.reshape(shape)
 
