@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 
-from aprjax.cli import demo, explain, info, localize, match, simulate
+from aprjax.cli import demo, explain, info, localize, match, simulate, sweep
 from aprjax.cli import map as map_
 from aprjax.cli.errors import CommandError
 from aprjax.compilation import cache_compilations
@@ -69,7 +69,7 @@ def _parser() -> argparse.ArgumentParser:
         help="keep what is compiled for later runs, in ~/.cache/aprjax or $XDG_CACHE_HOME/aprjax",
     )
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for command in (demo, match, explain, map_, localize, simulate, info):
+    for command in (demo, match, explain, sweep, map_, localize, simulate, info):
         command.add_command(commands)
     return parser
 

@@ -71,10 +71,12 @@ def _check_name(config: eqx.Module, name: str, prefix: str = "") -> None:
         return
     part: Any = config
     for word in name.split("."):
-        part = getattr(part, word, None) if isinstance(part, eqx.Module) else None
-    if isinstance(part, eqx.Module):
-        raise ValueError(f"{prefix}{name}: is a stage, with {', '.join(thresholds(part))}")
-    if isinstance(part, int):
+        if not isinstance(part, eqx.Module) or word not in {field.name for field in fields(part)}:
+            break
+        part = getattr(part, word)
+    else:
+        if isinstance(part, eqx.Module):
+            raise ValueError(f"{prefix}{name}: is a stage, with {', '.join(thresholds(part))}")
         raise ValueError(
             f"{prefix}{name}: is a capacity, which sets array sizes and cannot be swept"
         )

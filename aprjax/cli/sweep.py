@@ -1,0 +1,260 @@
+"""`aprjax sweep`: what thresholds change, where the poses in the logs are the truth."""
+
+import argparse
+import json
+import sys
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from aprjax.cli.errors import CommandError
+from aprjax.cli.inputs import (
+    add_topic_options,
+    holds_references,
+    open_references,
+    read_entries,
+    warn_of_damage,
+)
+from aprjax.cli.outputs import make_folder
+from aprjax.cli.progress import Progress
+from aprjax.cli.sweep_table import write_curves, write_figures, write_rows
+from aprjax.configuration import to_dict
+from aprjax.io.atomic import atomic_write
+from aprjax.io.pieces import Pieces, fingerprint
+from aprjax.matcher import MatchConfig
+from aprjax.metrics import relative
+from aprjax.references import ReferenceSet
+from aprjax.scan import Scan
+from aprjax.sweep.axes import check_names
+from aprjax.sweep.run import Piece, sweep_grid
+
+_MOST = 10_000  # configurations
+_NEAR_DISTANCE, _NEAR_ANGLE = 2.0, np.radians(40)  # of a reference, where a query can be matched
+
+
+def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add the subcommand to those of the parser."""
+    parser = commands.add_parser(
+        "sweep",
+        help="match with many values of thresholds, and score them",
+        description="Match every scan of a log with all reference scans, once for each "
+        "combination of thresholds, and score the answers. The laser poses in the logs are taken "
+        "for the truth, in one frame, and only score. Writes into DIR: sweep.csv (and "
+        "sweep.parquet where pyarrow is installed), curves.csv and curves.png (recall, precision "
+        "and false answers over the threshold on quality), sweep.png, manifest.json, times.csv. "
+        "What is finished is kept in DIR/pieces until all is: started again after an "
+        "interruption, the command goes on where it was.",
+    )
+    parser.add_argument(
+        "references",
+        type=Path,
+        metavar="REFERENCES",
+        help="a log, or a saved reference file that holds poses",
+    )
+    parser.add_argument("queries", type=Path, metavar="QUERIES", help="a log")
+    parser.add_argument(
+        "--set",
+        action=_AddAxis,
+        type=_axis,
+        required=True,
+        default={},
+        dest="axes",
+        metavar="NAME=START:STOP:COUNT",
+        help="a threshold of MatchConfig by its dotted name, such as congruence.tolerance, or of "
+        "FeatureConfig, such as features.extraction.surface.window, and its values; more than "
+        "once for a grid",
+    )
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="folder to write to, made if need be"
+    )
+    parser.add_argument(
+        "--false-rate",
+        type=_percent,
+        default=0.002,
+        metavar="PERCENT",
+        help="of the accepted answers that may be wrong for hits; one always may (default: 0.2)",
+    )
+    parser.add_argument(
+        "--mapped",
+        type=Path,
+        metavar="F",
+        help="a file of a 1 for every query that some reference shows, else a 0 (default: those "
+        "taken within 2 m and 40° of a reference)",
+    )
+    parser.add_argument(
+        "--no-cascade",
+        action="store_true",
+        help="go the paper's way: align all references, and evaluate every alignment in full",
+    )
+    parser.add_argument(
+        "--strict", action="store_true", help="stop at a damaged line instead of skipping it"
+    )
+    add_topic_options(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Carry out the subcommand. Raises `CommandError` and `OSError`."""
+    out, axes = arguments.out, arguments.axes
+    make_folder(out)
+    queries, T_world_query = _read(arguments.queries, arguments)
+    references, T_world_ref = _references(arguments)
+    mapped = _mapped(arguments.mapped, T_world_ref, T_world_query)
+    # Only best answers are scored.
+    config = MatchConfig(cascade=not arguments.no_cascade, hypotheses=1)
+    features = references.index.config
+    run_id = fingerprint(queries, references.scans, references.ids, features, config, axes)
+    pieces, done = Pieces(out / "pieces", run_id), []
+    count = int(np.prod([len(values) for values in axes.values()]))
+    with Progress("sweeping", count * len(mapped)) as progress:
+
+        def watch(piece: Piece) -> None:
+            done.append(piece)
+            progress.advance(piece.configurations * piece.queries)
+
+        result = sweep_grid(queries, references, axes, config, keep=pieces, watch=watch)
+
+    truth = (references.ids, T_world_ref, T_world_query, mapped)
+    rows, answers = write_rows(out, axes, result, truth, arguments.false_rate)
+    curves = write_curves(out, answers)
+    written = write_figures(out, axes, rows, curves)
+    _write_times(out, done)
+    manifest = {
+        "aprjax": _version(),
+        "jax": jax.__version__,
+        "backend": jax.default_backend(),
+        "references": {"path": str(arguments.references), "scans": len(references)},
+        "queries": {"path": str(arguments.queries), "scans": len(mapped)},
+        "mapped": str(arguments.mapped)
+        if arguments.mapped
+        else "within 2 m and 40° of a reference",
+        "false_rate": arguments.false_rate,
+        "axes": {name: [float(value) for value in values] for name, values in axes.items()},
+        "configurations": count,
+        "run": run_id,
+        "files": written,
+        "features": to_dict(features),
+        "match": to_dict(config),
+    }
+    with atomic_write(out / "manifest.json") as file:
+        json.dump(manifest, file, indent=1, ensure_ascii=False)
+    pieces.discard()
+    best = max(rows, key=lambda row: row["hits"])
+    where = ", ".join(f"{name} {best[name]:g}" for name in axes)
+    print(
+        f"{count} configurations, {len(mapped)} queries, {len(references)} references: "
+        f"best hits {best['hits']:.3f} at {where}",
+        file=sys.stderr,
+    )
+
+
+def _read(path: Path, arguments: argparse.Namespace) -> tuple[Scan, np.ndarray]:
+    """The scans of a log, stacked, and their poses `(scans, 3)`."""
+    entries, report = read_entries(path, arguments.topic, False, strict=arguments.strict)
+    warn_of_damage(path, report)
+    if any(entry.logged_pose is None for entry in entries):
+        raise CommandError(f"{path}: states no poses of its scans, which score the answers")
+    poses = np.array([entry.logged_pose for entry in entries], float)
+    return Scan.stack([entry.scan for entry in entries]), poses
+
+
+def _references(arguments: argparse.Namespace) -> tuple[ReferenceSet, np.ndarray]:
+    """The references, which matching knows no poses of, and their poses `(references, 3)`."""
+    path = arguments.references
+    if not holds_references(path):
+        scans, poses = _read(path, arguments)
+        return ReferenceSet.build(scans), poses
+    references = open_references(path)
+    if not np.all(np.isfinite(references.T_world_ref)):
+        raise CommandError(f"{path}: states no poses of its scans, which score the answers")
+    return references, references.T_world_ref
+
+
+def _mapped(path: Path | None, T_world_ref: np.ndarray, T_world_query: np.ndarray) -> np.ndarray:
+    """Which queries some reference shows."""
+    if path is None:
+        T_ref_query = relative(T_world_ref[None], T_world_query[:, None])
+        near = np.hypot(T_ref_query[..., 0], T_ref_query[..., 1]) <= _NEAR_DISTANCE
+        return np.any(near & (np.abs(T_ref_query[..., 2]) <= _NEAR_ANGLE), axis=1)
+    try:
+        words = path.read_text(encoding="utf-8").split()
+    except ValueError:
+        raise CommandError(f"{path}: is no text") from None
+    if set(words) - {"0", "1"} or len(words) != len(T_world_query):
+        raise CommandError(f"{path}: does not hold {len(T_world_query)} of 0 and 1")
+    return np.array(words) == "1"
+
+
+def _write_times(out: Path, pieces: list[Piece]) -> None:
+    """The times, which no two runs share, apart from the table."""
+    with atomic_write(out / "times.csv") as file:
+        file.write("piece,configurations,queries,seconds,ms_per_scan_and_configuration\n")
+        for piece in pieces:
+            each = 1e3 * piece.seconds / (piece.configurations * piece.queries)
+            file.write(
+                f"{piece.name},{piece.configurations},{piece.queries},"
+                f"{piece.seconds:.3f},{each:.4f}\n"
+            )
+
+
+def _version() -> str:
+    try:
+        return metadata.version("aprjax")
+    except metadata.PackageNotFoundError:
+        return "not installed"
+
+
+class _AddAxis(argparse.Action):
+    """Collects axes by name."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        option_string: str | None = None,
+    ) -> None:
+        name, along = values
+        axes = {**getattr(namespace, self.dest), name: along}
+        if name in getattr(namespace, self.dest):
+            parser.error(f"argument --set: {name}: is set twice")
+        if np.prod([len(values) for values in axes.values()], dtype=float) > _MOST:
+            parser.error(f"argument --set: more than {_MOST} configurations")
+        setattr(namespace, self.dest, axes)
+
+
+def _axis(text: str) -> tuple[str, np.ndarray]:
+    """The name and the values of an axis."""
+    name, equals, along = text.partition("=")
+    if not equals:
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=START:STOP:COUNT")
+    try:
+        check_names([name])
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    words = along.split(":")
+    try:
+        start, stop = map(float, words[:2])
+        count = int(words[2]) if len(words) == 3 else 0
+    except ValueError:
+        start, stop, count = 0.0, 0.0, 0
+    if not (1 <= count <= _MOST and np.isfinite(start) and np.isfinite(stop)):
+        raise argparse.ArgumentTypeError(
+            f"{along!r} is not START:STOP:COUNT, two numbers and how many, 1 to {_MOST}"
+        )
+    if (start == stop) != (count == 1):
+        raise argparse.ArgumentTypeError(f"{along!r}: one value has START equal to STOP, as 1:1:1")
+    return name, np.linspace(start, stop, count, dtype=np.float32)
+
+
+def _percent(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0 <= value <= 100:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 0 to 100")
+    return value / 100
