@@ -140,6 +140,9 @@ from aprjax.matcher import MatchResult as MatchResult
 from aprjax.references import ReferenceSet as ReferenceSet
 from aprjax.scan import Scan as Scan
 from aprjax.status import Status as Status
+from aprjax.sweep.axes import configured as configured
+from aprjax.sweep.run import sweep as sweep
+from aprjax.sweep.run import sweep_grid as sweep_grid
 from aprjax.tracking.tracker import HypothesisTracker as HypothesisTracker
 from aprjax.tracking.tracker import TrackerConfig as TrackerConfig
 from aprjax.world.build import MapConfig as MapConfig
