@@ -10,13 +10,19 @@ import numpy as np
 import aprjax
 from aprjax.features import describe
 from aprjax.metrics import deviations
+from aprjax.sweep.axes import thresholds
 from benchmarks import correlative, fresh, numpy_extraction, numpy_pipeline
 from benchmarks.inputs import end_points, some, split, true_pairs
 from benchmarks.timing import timed
 from benchmarks.workload import Metric, Samples, Workload
 
 BATCHES = ("freiburg-079.revisit", "freiburg-079.interleaved", "fhw.revisit", "intel.interleaved")
-INTEL, FREIBURG = "intel.interleaved", "freiburg-079.revisit"
+INTEL, FREIBURG, FHW = "intel.interleaved", "freiburg-079.revisit", "fhw.revisit"
+SWEPT = {
+    "congruence": ("congruence.tolerance", "congruence.quality.contradiction"),
+    "refine": ("refine.gate", "refine.final_gate"),
+}
+MOST_RUNS = 20  # that a sweep of 64 configurations may cost
 CALLS = 1000  # of single queries
 CHUNK = 64  # scans described at a time
 FEW = 30  # references, as many as the paper has
@@ -88,6 +94,28 @@ def first_cached(what: str, quick: bool) -> Samples:
     return Samples(np.array(runs[1:]))
 
 
+def sweep(axes: tuple[str, str], quick: bool) -> Samples:
+    """A grid of 64 configurations for all queries of a split; noted as a multiple of one run.
+
+    Raises `RuntimeError` where that is more than `MOST_RUNS`.
+    """
+    scans, references = split(FHW), _references(FHW)
+    known = thresholds(aprjax.MatchConfig())
+    values = {name: np.linspace(0.5, 1.5, 8) * known[name] for name in axes}
+    config = aprjax.MatchConfig(hypotheses=1)  # as the command `aprjax sweep`
+    repeats, warm_up = (1, 1) if quick else (5, 1)
+    one = timed(lambda _: aprjax.match_batch(scans.queries, references), 3 * repeats, 2)
+    seconds = timed(
+        lambda _: aprjax.sweep_grid(scans.queries, references, values, config).quality,
+        repeats,
+        warm_up,
+    )
+    runs = float(np.median(seconds) / np.median(one))
+    if runs > MOST_RUNS:
+        raise RuntimeError(f"64 configurations cost {runs:.1f} runs, more than {MOST_RUNS}")
+    return Samples(seconds, f"{runs:.1f} × one run")
+
+
 def oracle(quick: bool) -> Samples:
     """Pairs of one place by `numpy_pipeline`, the query's extraction apart."""
     scans = split(INTEL)
@@ -153,6 +181,17 @@ WORKLOADS = (
             ("", ", compilation included", first),
             (".cached", " with a warm compilation cache", first_cached),
         )
+    ),
+    *(
+        Workload(
+            f"sweep.{name}",
+            f"64 configurations of {' and '.join(axes)} over {FHW}",
+            "s",
+            median(0.25),
+            partial(sweep, axes),
+            cores="all",
+        )
+        for name, axes in SWEPT.items()
     ),
     Workload("numpy.oracle", "the tests' oracles on right pairs", PAIR, median(0.5), oracle),
     Workload(
