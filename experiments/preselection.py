@@ -131,7 +131,8 @@ def measured(split: Split, sizes: tuple[int, ...]) -> list[dict]:
 def means(rows: list[dict]) -> list[dict]:
     """A row for each size and measure: means over the splits that have it."""
     found = []
-    for size in dict.fromkeys(row["references"] for row in rows):
+    sizes = {row["references"] for row in rows}
+    for size in sorted(sizes, key=lambda size: (size == "all", size)):
         for measure in MEASURES:
             here = [r for r in rows if (r["references"], r["measure"]) == (size, measure)]
             columns = [f"first_{k}" for k in FIRST] + ["bigness"]
@@ -163,6 +164,7 @@ def draw(rows: list[dict]) -> Figure:
     for ax in (left, right):
         ax.set_ylim(-0.03, 1.03)
         ax.grid(color="#dddddd", linewidth=0.5)
+    left.set_xticks(FIRST)
     left.legend(loc="lower right", frameon=False)
     return figure
 
