@@ -56,6 +56,7 @@ EXPERIMENTS = {
     "real_logs": Experiment("the same on real logs", _file("real_logs")),
     "preselection": Experiment("which references come first (2.B)", _file("preselection")),
     "ablations": Experiment("what each part is worth", _file("ablations")),
+    "scaling": Experiment("time over references, anchors and beams", ("-m", "experiments.scaling")),
     "cascade": Experiment("what the shortlist loses", _file("cascade")),
     "defaults": Experiment(
         "what each default is worth", _file("defaults"), ("--quick", "--stride", "16")

@@ -1,0 +1,148 @@
+"""How the time of each stage grows with the number of references, anchors and beams.
+
+    python -m experiments scaling --out DIR [--quick]
+
+One chunk of queries goes through the matcher's stages, each compiled by itself (see
+`benchmarks.stages`), on one core: against more and more of the references of intel.interleaved,
+with more and more anchors of a scan, and with more and more of the beams of
+freiburg-079.interleaved. What does not vary is 60 references and the defaults. Writes into DIR:
+
+- `scaling.csv`: the median time of a query in each stage, in milliseconds;
+- `slopes.csv`: the exponent of its growth, from a straight line through the logarithms: 1 is
+  proportional, 0 is constant;
+- `scaling.png`: the times, log-log; `configuration.json`.
+"""
+
+import argparse
+import dataclasses
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import jax
+import numpy as np
+from matplotlib.figure import Figure
+
+import aprjax
+from aprjax.anchors.extract import ExtractionConfig
+from benchmarks.stages import stages
+from benchmarks.timing import timed
+from experiments.data import Split, read_split
+from experiments.outputs import print_table, write_configuration, write_figure, write_table
+
+REFERENCES, ANCHORS, BEAMS = (15, 30, 60, 120, 225), (8, 12, 16, 24, 32), (60, 90, 180, 360)
+FIXED = 60  # references, where something else varies
+COLOURS = ("#1f5fa8", "#9db8d6", "#c1272d", "#e0903a", "#8a5a00", "#2a8a3e", "#7a3e9d", "#8a8a8a")
+
+
+def some(scans: aprjax.Scan, count: int, every: int = 1) -> aprjax.Scan:
+    """The first scans of a stack, with every which of their beams."""
+    scans = jax.tree.map(lambda array: np.asarray(array)[:count], scans)
+    return dataclasses.replace(
+        scans,
+        ranges=scans.ranges[:, ::every],
+        beams=-(-scans.beams // every),
+        angle_increment=scans.angle_increment * np.float32(every),
+    )
+
+
+def points(quick: bool) -> Iterator[tuple[str, int, aprjax.Scan, aprjax.Scan, int]]:
+    """What varies, its value, references, queries, and the most anchors."""
+    default = ExtractionConfig().anchors
+    chunk = 4 if quick else aprjax.MatchConfig().chunk
+    intel: Split = read_split("intel.interleaved")
+    queries = some(intel.queries, chunk)
+    for count in REFERENCES[:2] if quick else REFERENCES:
+        yield "references", count, some(intel.references, count), queries, default
+    if quick:
+        return
+    known = some(intel.references, FIXED)
+    for anchors in ANCHORS:
+        yield "anchors", anchors, known, queries, anchors
+    freiburg = read_split("freiburg-079.interleaved")
+    for beams in BEAMS:
+        every = BEAMS[-1] // beams
+        known, queries = (
+            some(freiburg.references, FIXED, every),
+            some(freiburg.queries, chunk, every),
+        )
+        yield "beams", beams, known, queries, default
+
+
+def measured(
+    references: aprjax.Scan, queries: aprjax.Scan, anchors: int, repeats: int
+) -> dict[str, float]:
+    """Milliseconds of a query in each stage."""
+    features = aprjax.FeatureConfig(extraction=ExtractionConfig(anchors=anchors))
+    known, found = aprjax.ReferenceSet.build(references, features), {}
+    for stage in stages(queries, known.index, aprjax.MatchConfig()):
+        compiled = jax.jit(stage.function).lower(*stage.arguments).compile()
+        seconds = timed(lambda _: compiled(*stage.arguments), repeats)  # noqa: B023
+        found[stage.name] = 1e3 * float(np.median(seconds)) / len(queries.ranges)
+    return found
+
+
+def slope(values: list[float], times: list[float]) -> float:
+    """The exponent of the power law through the points, by least squares of the logarithms."""
+    return float(np.polyfit(np.log(values), np.log(times), 1)[0])
+
+
+def draw(rows: list[dict], slopes: list[dict]) -> Figure:
+    """A panel for each thing that varies."""
+    axes = list(dict.fromkeys(row["varies"] for row in rows))
+    figure = Figure(figsize=(4.6 * len(axes), 5.2), layout="constrained")
+    for ax, varies in zip(figure.subplots(1, len(axes), squeeze=False)[0], axes, strict=True):
+        of_stage = {row["stage"]: row["slope"] for row in slopes if row["varies"] == varies}
+        for (stage, exponent), colour in zip(of_stage.items(), COLOURS * 2, strict=False):
+            mine = [r for r in rows if (r["varies"], r["stage"]) == (varies, stage)]
+            last = stage == "all of them"
+            ax.loglog(
+                [row["value"] for row in mine],
+                [row["ms"] for row in mine],
+                color="black" if last else colour,
+                linewidth=2 if last else 1.2,
+                marker="o",
+                markersize=3.5,
+                label=f"{stage}: {exponent:.2f}",
+            )
+        ticks = sorted({row["value"] for row in rows if row["varies"] == varies})
+        ax.set_xticks(ticks, [str(tick) for tick in ticks], minor=False)
+        ax.set_xticks([], minor=True)
+        ax.set(xlabel=varies, ylabel="ms a query")
+        ax.grid(color="#dddddd", linewidth=0.5)
+        ax.legend(fontsize=7, title="stage: slope", title_fontsize=7, loc="best")
+    return figure
+
+
+def main() -> int:
+    """Measure, print, draw; the exit status."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--quick", action="store_true", help="two numbers of references only")
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    rows = []
+    for varies, value, references, queries, anchors in points(arguments.quick):
+        print(f"{varies}: {value}", file=sys.stderr, flush=True)
+        times = measured(references, queries, anchors, 2 if arguments.quick else 9)
+        rows += [
+            {"varies": varies, "value": value, "stage": stage, "ms": float(f"{ms:.3g}")}
+            for stage, ms in times.items()
+        ]
+    slopes = []
+    for varies, stage in dict.fromkeys((row["varies"], row["stage"]) for row in rows):
+        mine = [row for row in rows if (row["varies"], row["stage"]) == (varies, stage)]
+        exponent = slope([row["value"] for row in mine], [row["ms"] for row in mine])
+        slopes.append({"varies": varies, "stage": stage, "slope": round(exponent, 3)})
+    print_table(slopes)
+    write_table(rows, arguments.out / "scaling.csv")
+    write_table(slopes, arguments.out / "slopes.csv")
+    write_figure(draw(rows, slopes), arguments.out / "scaling.png")
+    write_configuration(arguments.out, fixed_references=FIXED, quick=arguments.quick)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
