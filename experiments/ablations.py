@@ -211,14 +211,13 @@ def main() -> int:
     }
     splits = [read_split(name, stride) for name in names]
     arguments.out.mkdir(parents=True, exist_ok=True)
-    found: dict[str, dict[str, dict]] = {name: {} for name in variants}
-    for split in splits:
-        for name, variant in variants.items():
-            print(f"{split.name}: {name}", file=sys.stderr, flush=True)
-            found[name][split.name] = measured(split, variant)
+    found: dict[str, dict[str, dict]] = {}
+    for name, variant in variants.items():
+        print(name, file=sys.stderr, flush=True)
+        found[name] = {split.name: measured(split, variant) for split in splits}
+        write_table(table(found), arguments.out / "ablations.csv")
     rows = table(found)
     print_table(rows)
-    write_table(rows, arguments.out / "ablations.csv")
     write_figure(draw(rows), arguments.out / "ablations.png")
     write_configuration(arguments.out, splits=names, every=stride, false_rate=FALSE)
     return 0

@@ -17,8 +17,9 @@ from aprjax.sweep import run as sweep_run
 from aprjax.sweep.axes import configured, product
 from aprjax.sweep.run import sweep, sweep_grid
 
-SET = ("--set", "voting.length=0.06:0.12:2", "--set", "congruence.tolerance=0.04:0.08:2")
-AXES = {"voting.length": [0.06, 0.12], "congruence.tolerance": [0.04, 0.08]}
+# Configurations are grouped by their voting, so with this order the groups are interleaved.
+SET = ("--set", "congruence.tolerance=0.04:0.08:2", "--set", "voting.length=0.06:0.12:2")
+AXES = {"congruence.tolerance": [0.04, 0.08], "voting.length": [0.06, 0.12]}
 
 
 @pytest.fixture(scope="module")
