@@ -185,7 +185,8 @@ def draw(rows: list[dict]) -> Figure:
         mean = mine.pop("mean")
         ax.barh(place, mean, color="#1f5fa8" if place == 0 else "#9db8d6", height=0.7)
         ax.scatter(list(mine.values()), [place] * len(mine), s=14, color="#333333", zorder=3)
-        ax.text(0.01, place, f"{mean:.3f}", va="center", fontsize=8, color="black")
+        colour = "white" if place == 0 else "black"
+        ax.text(0.01, place, f"{mean:.3f}", va="center", fontsize=8, color=colour)
     ax.set_yticks(range(len(variants)), variants)
     ax.invert_yaxis()
     ax.set(xlim=(0, 1.02), xlabel="hits with at most 0.2 % false: mean, and single logs")
