@@ -110,7 +110,13 @@ def draw(rows: list[dict], slopes: list[dict]) -> Figure:
         ax.set_xticks([], minor=True)
         ax.set(xlabel=varies, ylabel="ms a query")
         ax.grid(color="#dddddd", linewidth=0.5)
-        ax.legend(fontsize=7, title="stage: slope", title_fontsize=7, loc="best")
+        ax.legend(
+            fontsize=7,
+            title="stage: slope",
+            title_fontsize=7,
+            loc="upper center",
+            bbox_to_anchor=(0.5, -0.12),
+        )
     return figure
 
 
