@@ -1,6 +1,6 @@
 """World models of the real logs: how true they are, and what half the references cost.
 
-    python experiments/maps.py --out DIR [--quick] [LOG ...]
+    python experiments/maps.py --out DIR [--stages DIR] [--timed] [--quick] [LOG ...]
 
 For each log (see `data.py` for where) a map is built from the scans and the raw odometry, by one
 set of defaults, and compared with the truth; then another whose references lie so much further
@@ -8,17 +8,19 @@ apart that there are about half as many. Writes into DIR:
 
 - `maps.csv`: a row for each log. The figures are those of `map_scores.score_map`; rms_m is how far
   the nodes of the relaxed frame are off the truth after it was moved as a whole to where it fits
-  best; ms is the time of building for each scan, compilation apart. `half_references`,
-  `half_false_arcs` and `half_recognized` are of the map with half the references.
+  best. `half_references`, `half_false_arcs` and `half_recognized` are of the map with half the
+  references. With --timed, ms and cpu_ms are the time of building for each scan, compilation apart.
 - `LOG.png`: the paper's Figs. 4 and 6, the relaxed frame.
 - `configuration.json`: the defaults that made them.
 
-With --quick one small log only, and its time with compilation.
+With --stages, the scans' motion and matches, which take nearly all of the time, are kept in that
+folder, and those already there are used. With --quick one small log only.
 """
 
 import argparse
 import sys
 import time
+from dataclasses import fields
 from pathlib import Path
 
 import equinox as eqx
@@ -30,13 +32,17 @@ from outputs import print_table, write_configuration, write_figure, write_table
 
 import aprjax
 from aprjax.configuration import to_dict
+from aprjax.io.atomic import atomic_write
 from aprjax.io.carmen import LogEntry
 from aprjax.io.trajectory import read_tum
 from aprjax.plot.style import figure_of
 from aprjax.plot.world import draw_world
-from aprjax.world.build import MapConfig, build_map
+from aprjax.world.build import MapConfig, build_from_stages, build_map
 from aprjax.world.model import WorldModel
+from aprjax.world.motion import Motion, motion
+from aprjax.world.recognition import Sightings, sightings
 from aprjax.world.relax import relax
+from aprjax.world.smoothing import Measurements
 
 QUICK = "belgioioso"
 SHOWN = (
@@ -56,27 +62,82 @@ def sparse() -> MapConfig:
     )
 
 
-def figures(name: str, *, timed: bool) -> tuple[dict, WorldModel]:
-    """A row of the table, and the map. `timed`: it is built once before, which compiles."""
+def figures(name: str, kept: Path | None, *, timed: bool) -> tuple[dict, WorldModel]:
+    """A row of the table, and the map. `timed`: it is built once more, with nothing to compile."""
     entries, truth = read_map_log(name)
-    if timed:
-        _build(name, entries, MapConfig())
-    began = time.perf_counter()
-    world = _build(name, entries, MapConfig())
-    seconds = time.perf_counter() - began
+    scans = [entry.scan for entry in entries]
+    described = aprjax.ReferenceSet.build(scans, MapConfig().features)
+    moved, seen, seldom = stages(name, entries, described, kept)
+    world = build_from_stages(scans, described, moved, seen, MapConfig())
     scores = score_map(world, truth)
-    half = score_map(_build(name, entries, sparse()), truth)
+    half = score_map(build_from_stages(scans, described, moved, seldom, sparse()), truth)
     row = {
         "log": name,
         "scans": len(entries),
         **{key: round(scores[key], DIGITS.get(key, 4)) for key in SHOWN},
         "rms_m": round(frame_rms(world, relax(world), truth), 3),
-        "ms": round(1e3 * seconds / len(entries), 1),
         "half_references": half["references"],
         "half_false_arcs": half["false_arcs"],
         "half_recognized": round(half["recognized"], 3),
     }
+    if timed:
+        row |= _times(name, entries)
     return row, world
+
+
+def stages(
+    name: str, entries: list[LogEntry], described: aprjax.ReferenceSet, kept: Path | None
+) -> tuple[Motion, Sightings, Sightings]:
+    """The motion of a log, and its matches with all references and with half of them.
+
+    As `build_map` has them; from the folder `kept` if they are there, else they go there.
+    """
+    path = None if kept is None else kept / f"{name}.npz"
+    if path is not None and path.exists():
+        return _read_stages(path)
+    print(f"{name}: motion and matches", file=sys.stderr, flush=True)
+    odometry = np.array([entry.odometry for entry in entries], float)
+    moved = motion(described.index.features.view, odometry, MapConfig().motion)
+    seen = sightings(described, moved, MapConfig().recognition)
+    seldom = sightings(described, moved, sparse().recognition)
+    if path is not None:
+        _write_stages(path, moved, seen, seldom)
+    return moved, seen, seldom
+
+
+def _write_stages(path: Path, moved: Motion, seen: Sightings, seldom: Sightings) -> None:
+    parts = {"moved": moved, "measured": moved.measured, "seen": seen, "seldom": seldom}
+    arrays = {
+        f"{part}.{field.name}": getattr(values, field.name)
+        for part, values in parts.items()
+        for field in fields(values)
+        if field.name != "measured"
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_write(path, "wb") as file:
+        np.savez_compressed(file, **arrays)
+
+
+def _read_stages(path: Path) -> tuple[Motion, Sightings, Sightings]:
+    parts: dict[str, dict[str, np.ndarray]] = {}
+    with np.load(path, allow_pickle=False) as archive:
+        for name, array in archive.items():
+            part, field = name.split(".")
+            parts.setdefault(part, {})[field] = array
+    moved = Motion(**parts["moved"], measured=Measurements(**parts["measured"]))
+    return moved, Sightings(**parts["seen"]), Sightings(**parts["seldom"])
+
+
+def _times(name: str, entries: list[LogEntry]) -> dict[str, float]:
+    """Milliseconds of a scan by the clock, and of all cores together."""
+    print(f"{name}: timing", file=sys.stderr, flush=True)
+    began = time.perf_counter(), time.process_time()
+    build_map(entries)
+    ended = time.perf_counter(), time.process_time()
+    clock, cpu = (
+        1e3 * (end - start) / len(entries) for start, end in zip(began, ended, strict=True)
+    )
+    return {"ms": round(clock, 1), "cpu_ms": round(cpu, 1)}
 
 
 def read_map_log(name: str) -> tuple[list[LogEntry], np.ndarray]:
@@ -86,11 +147,6 @@ def read_map_log(name: str) -> tuple[list[LogEntry], np.ndarray]:
     return list(aprjax.read_log(folder / "build.log.gz")), truth
 
 
-def _build(name: str, entries: list[LogEntry], config: MapConfig) -> WorldModel:
-    print(f"{name}: building, references {float(config.gap)} m apart", file=sys.stderr, flush=True)
-    return build_map(entries, config)
-
-
 def main() -> int:
     """Build, score, print, write; the exit status."""
     parser = argparse.ArgumentParser(
@@ -98,6 +154,8 @@ def main() -> int:
     )
     parser.add_argument("logs", nargs="*", help="names of logs (default: all)")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--stages", type=Path, metavar="DIR", help="of motion and matches, kept")
+    parser.add_argument("--timed", action="store_true", help="build once more and state the time")
     parser.add_argument("--quick", action="store_true", help="one small log only")
     arguments = parser.parse_args()
     names = arguments.logs or ([QUICK] if arguments.quick else map_names())
@@ -105,7 +163,7 @@ def main() -> int:
 
     rows = []
     for name in names:
-        row, world = figures(name, timed=not arguments.quick)
+        row, world = figures(name, arguments.stages, timed=arguments.timed)
         rows.append(row)
         write_figure(
             figure_of(draw_world(world, relax(world))), arguments.out / f"{name}.png", dpi=130

@@ -100,10 +100,25 @@ def build_from_scans(
     """`build_map` from scans and odometry poses `(N, 3)` in metres and radians."""
     config = MapConfig() if config is None else config
     described = ReferenceSet.build(scans, config.features)
-    views = described.index.features.view
-    moved = motion(views, odometry, config.motion)
+    moved = motion(described.index.features.view, odometry, config.motion)
     seen = sightings(described, moved, config.recognition, progress)
-    mapper = _Mapper(moved, seen, views, config)
+    return build_from_stages(scans, described, moved, seen, config, progress)
+
+
+def build_from_stages(
+    scans: Sequence[Scan],
+    described: ReferenceSet,
+    moved: Motion,
+    seen: Sightings,
+    config: MapConfig,
+    progress: Callable[[int], None] | None = None,
+) -> WorldModel:
+    """The last stage: all scans placed one after the other, and the map that comes of it.
+
+    `described` holds all scans under their numbers; `moved` and `seen` are what the stages before
+    made of them.
+    """
+    mapper = _Mapper(moved, seen, described.index.features.view, config)
     for scan in range(1, len(scans)):
         mapper.advance(scan)
         if progress is not None:

@@ -69,6 +69,19 @@ class Motion:
         first, last = max(min(first, scan - 1), 0), min(max(last, scan + 1), len(self.way) - 1)
         return float(np.abs(wrap(np.diff(self.poses[first : last + 1, 2]))).sum())
 
+    def contradictions(self) -> np.ndarray:
+        """`(N,)` radians by which a measurement to or from each scan misses its heading, at worst.
+
+        Odometry and a scan that were taken at different moments of a turn contradict each other.
+        """
+        first, second = self.measured.first, self.measured.second
+        driven = relative(self.poses[first], self.poses[second])
+        off = np.abs(wrap(self.measured.T_first_second[:, 2] - driven[:, 2]))
+        worst = np.zeros(len(self.poses))
+        np.maximum.at(worst, first, off)
+        np.maximum.at(worst, second, off)
+        return worst
+
 
 def motion(views: View, odometry: np.ndarray, config: MotionConfig) -> Motion:
     """The way of the scans of `views` `(scans,)`, from odometry poses `(N, 3)`.
