@@ -4,7 +4,9 @@ Two of the corridors are long. Either all their doors are shut, flush with plain
 scanner sees nothing but two lines; or they have recessed doors and pillars like any other.
 """
 
+import argparse
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import networkx as nx
 import numpy as np
@@ -31,6 +33,22 @@ ROOMS = 3  # entered in each office
 _END = 0.55, 0.78  # metres from an office's corridor walls to the strip that its robot keeps to
 _PER_RADIAN = 0.5  # metres of way that a radian of turning on the spot counts
 _PERIOD = 0.4  # seconds between scans
+
+
+def parsed(description: str | None, buildings: int, *, quick: str) -> argparse.Namespace:
+    """The command line of an experiment in so many of these buildings; `quick` says what is less.
+
+    The folder `out` is made.
+    """
+    parser = argparse.ArgumentParser(
+        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--buildings", type=int, default=buildings, metavar="N")
+    parser.add_argument("--quick", action="store_true", help=quick)
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    return arguments
 
 
 @dataclass(frozen=True)

@@ -19,11 +19,9 @@ committed (λ_b over 0.5) to another than the right one.
 the hypotheses after cycles 1, 32, 75 and 106.
 """
 
-import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from building import (
@@ -33,6 +31,7 @@ from building import (
     entries_of,
     lap,
     mapped,
+    parsed,
     poses_along,
     recorded,
 )
@@ -81,14 +80,7 @@ class Course:
 
 def main() -> int:
     """Drive, track, print, write; the exit status."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
-    parser.add_argument("--buildings", type=int, default=BUILDINGS, metavar="N")
-    parser.add_argument("--quick", action="store_true", help="one building, 110 cycles")
-    arguments = parser.parse_args()
-    arguments.out.mkdir(parents=True, exist_ok=True)
+    arguments = parsed(__doc__, BUILDINGS, quick="one building, 110 cycles")
     buildings, cycles = (1, 110) if arguments.quick else (arguments.buildings, None)
 
     rows = []

@@ -16,11 +16,9 @@ steps, the shares committed to the right and to a wrong place; CPU time a step, 
 `kidnappings.png`: how many had recovered after how many metres.
 """
 
-import argparse
 import sys
 import time
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from building import (
@@ -30,6 +28,7 @@ from building import (
     errand,
     lap,
     mapped,
+    parsed,
     poses_along,
     recorded,
     spaced,
@@ -78,17 +77,10 @@ class Trial:
 
 def main() -> int:
     """Kidnap, track, print, write; the exit status."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
-    parser.add_argument("--buildings", type=int, default=BUILDINGS, metavar="N")
-    parser.add_argument("--quick", action="store_true", help="one building, three kidnappings")
-    arguments = parser.parse_args()
+    arguments = parsed(__doc__, BUILDINGS, quick="one building, three kidnappings")
     buildings, kidnappings = (1, 3) if arguments.quick else (arguments.buildings, KIDNAPPINGS)
     particles = PARTICLES[:1] if arguments.quick else PARTICLES
 
-    arguments.out.mkdir(parents=True, exist_ok=True)
     trials, outcomes, rows = [], {}, []
     for seed in range(buildings):
         print(f"building {seed}", file=sys.stderr, flush=True)

@@ -30,6 +30,11 @@ class FollowConfig(eqx.Module):
     turn: Float[Array, ""] = threshold(np.radians(50), "radians to it")
     age: Float[Array, ""] = threshold(6.0, "metres of way since it was taken")
     agreement: Float[Array, ""] = threshold(0.08, "least agreement with it")
+    loose: Float[Array, ""] = threshold(
+        0.6, "metres: deviation of the expected pose from which more agreement is needed"
+    )
+    loose_turn: Float[Array, ""] = threshold(np.radians(6), "radians, likewise")
+    firm: Float[Array, ""] = threshold(0.25, "least agreement then")
     quality: Float[Array, ""] = threshold(0.05, "least e_m of the matcher's answers to start from")
     off: Float[Array, ""] = threshold(0.4, "metres off what was expected, besides the deviations")
     off_turn: Float[Array, ""] = threshold(np.radians(6), "radians, likewise")
@@ -74,7 +79,13 @@ def follow(
         [_expected_from(reference, expected, near, places) for reference in first]
     )
     off = relative(expectations, aligned.T_first_second)
-    good = (aligned.agreement > config.agreement) & _fits(off, expected, config)
+    # Where much is possible, something alike is found too easily.
+    loose = (
+        spread(expected.covariance) > config.loose
+        or turn_spread(expected.covariance) > config.loose_turn
+    )
+    needed = config.firm if loose else config.agreement
+    good = (aligned.agreement > needed) & _fits(off, expected, config)
     order = np.argsort(-aligned.agreement, kind="stable")
     order = order[good[order]]
     if not len(order):

@@ -69,12 +69,12 @@ def sightings(
     compared = spaced(moved.poses, float(config.query_gap), float(config.query_turn))
     earlier = described.remove(np.setdiff1d(described.ids, kept))
     rows: list[tuple[np.ndarray, ...]] = []
+    old = np.searchsorted(moved.way, moved.way - config.age)
     for start in range(0, len(compared), config.batch):
         batch = compared[start : start + config.batch]
-        # Scans of one batch see the same earlier ones, those old enough for its first.
-        old = np.searchsorted(moved.way, moved.way[batch[0]] - config.age)
-        if np.any(kept < old):
-            rows.append(_answers(described, _before(earlier, int(old)), batch, config))
+        if np.any(kept < old[batch[-1]]):
+            known = _before(earlier, int(old[batch[-1]]))
+            rows.append(_answers(described, known, batch, old[batch], config))
         if progress is not None:
             ended = start + config.batch >= len(compared)
             last = len(moved.poses) if ended else int(compared[start + config.batch])
@@ -103,11 +103,19 @@ def _before(references: ReferenceSet, number: int) -> ReferenceSet:
 
 
 def _answers(
-    described: ReferenceSet, earlier: ReferenceSet, numbers: np.ndarray, config: RecognitionConfig
+    described: ReferenceSet,
+    earlier: ReferenceSet,
+    numbers: np.ndarray,
+    old: np.ndarray,
+    config: RecognitionConfig,
 ) -> tuple[np.ndarray, ...]:
-    """The columns of `Sightings` for a batch of scans."""
+    """The columns of `Sightings` for a batch of scans.
+
+    Of the `earlier` ones, those below `old` may answer each.
+    """
     batch = jax.tree.map(lambda array: np.asarray(array)[numbers], described.scans)
-    result = match_batch(batch.pad_batch(config.batch), earlier, config.match)
+    young = _young(np.asarray(earlier.index.ids), old, config.batch)
+    result = match_batch(batch.pad_batch(config.batch), earlier, config.match, exclude=young)
     result = jax.tree.map(lambda array: array[: len(numbers)], result)
     query, rank = np.nonzero(result.valid & (result.quality >= config.quality))
     return (
@@ -116,3 +124,15 @@ def _answers(
         np.asarray(result.T_ref_query[query, rank], float),
         np.asarray(result.quality[query, rank], float),
     )
+
+
+def _young(ids: np.ndarray, old: np.ndarray, batch: int) -> np.ndarray:
+    """The `ids` that are not below `old` `(queries,)`, for each query of a batch; -1 for none.
+
+    `(batch, any)`, at least as many as mostly are needed: another size would compile anew.
+    """
+    own = [ids[ids >= first] for first in old]
+    young = np.full((batch, max(batch, *map(len, own))), -1)
+    for row, some in zip(young, own, strict=False):
+        row[: len(some)] = some
+    return young

@@ -1,8 +1,10 @@
 import numpy as np
 
 from aprjax.world.model import WorldModel
-from aprjax.world.parts import Arc
-from aprjax.world.tidy import drop_small_cycles
+from aprjax.world.motion import Motion
+from aprjax.world.parts import Arc, Place
+from aprjax.world.smoothing import Measurements
+from aprjax.world.tidy import drop_small_cycles, steady_frames
 
 SURE = np.diag([1e-4, 1e-4, 1e-5])
 
@@ -29,3 +31,23 @@ def test_a_way_round_something_stays_a_cycle():
     world = crossing(far=6.0)
     drop_small_cycles(world, 12.0)
     assert world.graph.number_of_edges() == 4
+
+
+def test_a_scan_whose_heading_odometry_contradicts_makes_no_frame():
+    world = WorldModel()
+    world.add_node(0)
+    for scan in range(3):
+        world.place_scan(scan, Place(0, np.array([0.5 * scan, 0.0, 0.0])))
+    poses = np.array([world.places[scan].T_node_laser for scan in range(3)])
+    steps = np.array([[0.5, 0.0, -0.4], [0.5, 0.0, 0.4], [1.0, 0.0, 0.0]])
+
+    def frame(steps: np.ndarray) -> int:
+        measured = Measurements.make([0, 1, 0], [1, 2, 2], steps, np.tile(SURE, (3, 1, 1)))
+        moved = Motion(poses, np.tile(SURE, (3, 1, 1)), poses[:, 0], measured)
+        steady_frames(world, moved, dict.fromkeys(range(3), SURE))
+        return world.graph.nodes[0]["scan"]
+
+    assert frame(steps * [1, 1, 0]) == 1
+    # All three are contradicted alike, then only the first two.
+    assert frame(steps) == 1
+    assert frame(steps[[0, 2, 2]] * [[1, 1, 1], [0.5, 1, 1], [1, 1, 1]]) == 2
