@@ -159,7 +159,7 @@ def _decide(
     if best is None:
         return None
     for claim, weight in zip(claims, weights, strict=True):
-        off = relative(best[1].T_here_node, claim.T_here_node)
+        off = _off(best[1], claim, near[best[1].place.node])
         elsewhere = distance(off) > config.apart or abs(off[2]) > config.turned
         if elsewhere and weight > config.rival * best[0]:
             return None
@@ -174,10 +174,21 @@ def _agree(
     config: ClosureConfig,
 ) -> bool:
     """Whether two answers mean one present pose."""
-    T = compose(near[other.place.node].T_start_end, other.place.T_node_laser)
-    off = relative(one.place.T_node_laser, T)
+    off = _off(one, other, near)
     way = abs(moved.way[one.scan] - moved.way[other.scan]) + 1.0
     return bool(
         distance(off) < config.agree + config.agree_per_metre * way
         and abs(off[2]) < config.agree_turn + config.agree_turn_per_metre * way
     )
+
+
+def _off(one: _Claim, other: _Claim, near: dict[int, Connection]) -> np.ndarray:
+    """The present pose by one answer in that by another, along the shortest way between them.
+
+    `near` is the neighbourhood of the first. From the robot, what lies beside each other may be
+    reached the one or the other way round a cycle that is torn.
+    """
+    link = near.get(other.place.node)
+    if link is None:
+        return relative(one.T_here_node, other.T_here_node)
+    return relative(one.place.T_node_laser, compose(link.T_start_end, other.place.T_node_laser))
