@@ -56,7 +56,7 @@ class Motion:
     way: np.ndarray
     """`(N,)` metres driven until each scan."""
     measured: Measurements
-    """Odometry's steps, and the aligned pairs that agree."""
+    """Odometry's steps, first of all, and the aligned pairs that agree."""
 
     def step(self, first: int, second: int) -> np.ndarray:
         """`T_first_second` `(3,)`."""
@@ -69,18 +69,17 @@ class Motion:
         first, last = max(min(first, scan - 1), 0), min(max(last, scan + 1), len(self.way) - 1)
         return float(np.abs(wrap(np.diff(self.poses[first : last + 1, 2]))).sum())
 
-    def contradictions(self) -> np.ndarray:
-        """`(N,)` radians by which a measurement to or from each scan misses its heading, at worst.
+    def skew(self) -> np.ndarray:
+        """`(N,)` radians by which each scan is turned against odometry before it and after it.
 
-        Odometry and a scan that were taken at different moments of a turn contradict each other.
+        A scan that was taken at another moment of a turn than its odometry is; an error of odometry
+        is not made good by the next step.
         """
-        first, second = self.measured.first, self.measured.second
-        driven = relative(self.poses[first], self.poses[second])
-        off = np.abs(wrap(self.measured.T_first_second[:, 2] - driven[:, 2]))
-        worst = np.zeros(len(self.poses))
-        np.maximum.at(worst, first, off)
-        np.maximum.at(worst, second, off)
-        return worst
+        steps = len(self.poses) - 1
+        turns = wrap(np.diff(self.poses[:, 2]))
+        off = wrap(self.measured.T_first_second[:steps, 2] - turns)
+        both = np.where(off[:-1] * off[1:] < 0, np.minimum(np.abs(off[:-1]), np.abs(off[1:])), 0.0)
+        return np.pad(both, (1, min(steps, 1)))[: steps + 1]
 
 
 def motion(views: View, odometry: np.ndarray, config: MotionConfig) -> Motion:
