@@ -1,7 +1,6 @@
 """Poses of different nodes compared in the super space, and estimates that mean one place."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -98,25 +97,16 @@ class Surroundings:
 
 
 def merge(estimates: Sequence[Estimate], near: Neighbours, config: VolumeConfig) -> list[Estimate]:
-    """Estimates that several references give of one place become one: the most probable of them.
-
-    Their odds add up, for each of them may be the right one.
-    """
+    """Estimates that several references give of one place become one, the most probable of them."""
     kept: list[Estimate] = []
     for estimate in sorted(estimates, key=lambda e: -e.probability):
         size = config.size(estimate.covariance)
-        for k, other in enumerate(kept):
-            if near.within(other.place, estimate.place, *size, float(config.deviations)):
-                odds = _odds(other.probability) + _odds(estimate.probability)
-                kept[k] = replace(other, probability=odds / (1.0 + odds))
-                break
-        else:
+        if not any(
+            near.within(other.place, estimate.place, *size, float(config.deviations))
+            for other in kept
+        ):
             kept.append(estimate)
     return kept
-
-
-def _odds(probability: float) -> float:
-    return probability / max(1.0 - probability, 1e-6)
 
 
 def seen_from(

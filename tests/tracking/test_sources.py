@@ -12,9 +12,8 @@ from aprjax.tracking.continuity import ScanContinuity, end_points
 from aprjax.tracking.fusion import fuse
 from aprjax.tracking.hypothesis import Step, VolumeConfig
 from aprjax.tracking.idc import Idc
-from aprjax.tracking.neighbours import Neighbours, merge, seen_from
+from aprjax.tracking.neighbours import Neighbours, seen_from
 from aprjax.tracking.odometry import Gyro, OdometryConfig, WheelOdometry
-from aprjax.tracking.sources import Estimate
 from aprjax.world import alignment
 from aprjax.world.parts import Place
 from tests.tracking.worlds import EXACT, at, corridor, drive, sure, tracker
@@ -170,17 +169,6 @@ def test_poses_of_two_nodes_are_compared_along_the_arcs_with_their_error():
     np.testing.assert_allclose(T, [1, 1, 0.5])
     assert way > 0.1
     assert turn == pytest.approx(0.01)
-
-
-def test_references_that_name_one_place_add_up_their_odds():
-    exact = np.zeros((3, 3))
-    here, beside, elsewhere = (Place(0, np.array([x, 0.0, 0.0])) for x in (1.0, 1.1, 3.0))
-    named = [Estimate(here, exact, 0.5, 0), Estimate(beside, exact, 0.2, 1)]
-    named.append(Estimate(elsewhere, exact, 0.3, 2))
-    one, other = merge(named, Neighbours(corridor(), 12.0), VolumeConfig())
-    assert one.reference == 0
-    assert one.probability / (1 - one.probability) == pytest.approx(1.0 + 0.25)
-    assert other.probability == 0.3
 
 
 def test_a_hypothesis_is_told_from_the_reference_that_confirmed_it():
