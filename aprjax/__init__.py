@@ -140,9 +140,9 @@ from aprjax.matcher import MatchResult as MatchResult
 from aprjax.references import ReferenceSet as ReferenceSet
 from aprjax.scan import Scan as Scan
 from aprjax.status import Status as Status
-from aprjax.sweep.axes import configured as configured
-from aprjax.sweep.run import sweep as sweep
-from aprjax.sweep.run import sweep_grid as sweep_grid
+from aprjax.sweeping.axes import configured as configured
+from aprjax.sweeping.run import sweep as sweep
+from aprjax.sweeping.run import sweep_grid as sweep_grid
 from aprjax.tracking.tracker import HypothesisTracker as HypothesisTracker
 from aprjax.tracking.tracker import TrackerConfig as TrackerConfig
 from aprjax.world.build import MapConfig as MapConfig
@@ -170,6 +170,9 @@ __all__ = [  # noqa: RUF022
     "MatchResult",
     "Status",
     "explain",
+    "sweep",
+    "sweep_grid",
+    "configured",
     "warm_up",
     "cache_compilations",
     "OccupancyGrid",
@@ -196,6 +199,7 @@ __all__ = [  # noqa: RUF022
     "batch",
     "compilation",
     "configuration",
+    "contract",
     "evaluation",
     "explanation",
     "features",
@@ -214,6 +218,7 @@ __all__ = [  # noqa: RUF022
     "shortlist",
     "sim",
     "status",
+    "sweeping",
     "tracking",
     "world",
 ]

@@ -10,7 +10,7 @@ import numpy as np
 import aprjax
 from aprjax.features import describe
 from aprjax.metrics import deviations
-from aprjax.sweep.axes import thresholds
+from aprjax.sweeping.axes import thresholds
 from benchmarks import correlative, fresh, numpy_extraction, numpy_pipeline
 from benchmarks.inputs import end_points, some, split, true_pairs
 from benchmarks.timing import timed

@@ -44,7 +44,7 @@ from aprjax.matcher import Counts, Evaluated, answer, cascade, evaluate, exhaust
 from aprjax.metrics import best_answers
 from aprjax.references import ReferenceIndex
 from aprjax.se2 import Pose, inverse
-from aprjax.sweep.axes import configured
+from aprjax.sweeping.axes import configured
 
 SPLITS = ("freiburg-079.revisit", "fhw.revisit", "aces.interleaved", "belgioioso.interleaved")
 FALSE = 0.002

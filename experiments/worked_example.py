@@ -34,7 +34,7 @@ from aprjax.alignment.rotation import RotationConfig, rotation_peaks
 from aprjax.anchors.extract import Anchors
 from aprjax.relations.graph import AnchorGraph, anchor_graph
 from aprjax.relations.histograms import RelationConfig, direction_spectrum, matching_angles
-from aprjax.sweep.axes import configured
+from aprjax.sweeping.axes import configured
 
 G_1 = np.array([[-3.7588, 1.3681], [0.0, 0.0], [2.4, -1.0], [0.3486, 3.9848]])
 G_2 = np.array([[0.8374, -1.8495], [-3.3122, 3.2807], [-0.7410, 0.2165]])

@@ -32,7 +32,7 @@ ORDER = [
     "matcher",
     "batch",
     "compilation",
-    "sweep",
+    "sweeping",
     "metrics",
     "io",
     "places",
@@ -40,6 +40,7 @@ ORDER = [
     "tracking",
     "plot",
     "explanation",
+    "contract",
     "aprjax",
     "cli",
 ]

@@ -28,8 +28,8 @@ from aprjax.matcher import MatchConfig
 from aprjax.metrics import relative
 from aprjax.references import ReferenceSet
 from aprjax.scan import Scan
-from aprjax.sweep.axes import check_names
-from aprjax.sweep.run import Piece, sweep_grid
+from aprjax.sweeping.axes import check_names
+from aprjax.sweeping.run import Piece, sweep_grid
 
 _MOST = 10_000  # configurations
 _NEAR_DISTANCE, _NEAR_ANGLE = 2.0, np.radians(40)  # of a reference, where a query can be matched

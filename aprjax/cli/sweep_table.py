@@ -15,7 +15,7 @@ from aprjax.io.atomic import atomic_write
 from aprjax.matcher import MatchResult
 from aprjax.metrics import Answers, best_answers
 from aprjax.plot.sweep import QualityCurve, draw_quality_curves, draw_sweep
-from aprjax.sweep.axes import product
+from aprjax.sweeping.axes import product
 
 Truth = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 """The references' ids, true poses `(references, 3)` and `(queries, 3)`, and which are mapped."""

@@ -13,9 +13,9 @@ from aprjax.features import FeatureConfig
 from aprjax.io.pieces import Pieces
 from aprjax.matcher import MatchConfig
 from aprjax.metrics import score_matches
-from aprjax.sweep import run as sweep_run
-from aprjax.sweep.axes import configured, product
-from aprjax.sweep.run import sweep, sweep_grid
+from aprjax.sweeping import run as sweep_run
+from aprjax.sweeping.axes import configured, product
+from aprjax.sweeping.run import sweep, sweep_grid
 
 # Configurations are grouped by their voting, so with this order the groups are interleaved.
 SET = ("--set", "congruence.tolerance=0.04:0.08:2", "--set", "voting.length=0.06:0.12:2")

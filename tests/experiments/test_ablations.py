@@ -10,7 +10,7 @@ from aprjax.evaluation.view import view
 from aprjax.features import FeatureConfig
 from aprjax.matcher import MatchConfig
 from aprjax.refine import settle
-from aprjax.sweep.axes import configured
+from aprjax.sweeping.axes import configured
 from experiments.ablations import VARIANTS, draw, table
 from tests.worlds import free_pose, office, scan_at
 

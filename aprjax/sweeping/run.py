@@ -33,7 +33,7 @@ from aprjax.numerics import bucket
 from aprjax.references import ReferenceIndex, ReferenceSet
 from aprjax.relations.histograms import preselection_quality
 from aprjax.scan import Scan
-from aprjax.sweep.axes import FEATURES, check_names, configured, product
+from aprjax.sweeping.axes import FEATURES, check_names, configured, product
 
 CONFIGURATIONS, QUERIES = 64, 32
 """At a time, at most, which bounds the memory: a query's alternatives are there for each."""

@@ -3,7 +3,7 @@ import pytest
 
 from aprjax.features import FeatureConfig
 from aprjax.matcher import MatchConfig
-from aprjax.sweep.axes import check_names, configured, product, thresholds
+from aprjax.sweeping.axes import check_names, configured, product, thresholds
 
 
 def test_thresholds_are_found_by_dotted_name_and_capacities_are_not():
