@@ -82,7 +82,10 @@ class Scan(eqx.Module):
             if not abs(value) <= float(np.finfo(np.float32).max):
                 raise ValueError(f"{name}: {value} is not finite in float32")
         # Some drivers report both ends of a turn: the last beam is the first one again.
-        if angle_increment == 0 or abs(angle_increment) * (values.size - 1) > 2 * np.pi * 1.001:
+        if (
+            angle_increment == 0
+            or abs(angle_increment) * max(values.size - 1, 1) > 2 * np.pi * 1.001
+        ):
             raise ValueError(
                 f"angle_increment: {angle_increment} rad is zero, or {values.size} beams pass 360°"
             )

@@ -57,6 +57,9 @@ EXPERIMENTS = {
     "preselection": Experiment("which references come first (2.B)", _file("preselection")),
     "ablations": Experiment("what each part is worth", _file("ablations")),
     "scaling": Experiment("time over references, anchors and beams", ("-m", "experiments.scaling")),
+    "all_against_all": Experiment(
+        "the FLIRT protocol: every scan against every other", _file("all_against_all")
+    ),
     "cascade": Experiment("what the shortlist loses", _file("cascade")),
     "defaults": Experiment(
         "what each default is worth", _file("defaults"), ("--quick", "--stride", "16")
@@ -71,6 +74,8 @@ EXPERIMENTS = {
     "tracks": Experiment("localization on real drives", _file("tracks")),
     "course": Experiment("Fig. 7 and 4.B in simulation", _file("course")),
     "kidnappings": Experiment("the kidnapped robot in simulation", _file("kidnappings")),
+    "soak": Experiment("a day of tracking with sources that fail", _file("soak")),
+    "kills": Experiment("processes killed while they write", _file("kills"), ("--kills", "2")),
     "idc": Experiment("iterative dual correspondence", _file("idc")),
     "scan_classifier": Experiment(
         "classes of real scans", _file("scan_classifier"), ("--seeds", "1"), writes=False

@@ -34,9 +34,7 @@ class VotingConfig(eqx.Module):
     grids: int = capacity(2, "grids of cells, shifted so that no pose is at the border of all")
     places: int = capacity(32, "parts of a reference's cells, of each of which the best is kept")
     depth: int = capacity(32, "counters of a part, which its cells are hashed to")
-    poses: int = capacity(
-        128, "groups that the references are dealt into; of each and each part one pose is kept"
-    )
+    poses: int = capacity(64, "poses kept of each part, over all references")
 
     def __check_init__(self) -> None:
         for name in ("places", "depth"):
@@ -50,7 +48,7 @@ class VotingConfig(eqx.Module):
 
 
 class Votes(eqx.Module):
-    """Poses, in no order."""
+    """Poses, those of each part together, best rated first."""
 
     T_ref_query: Pose
     """Metres and radians: that of the longest of the agreeing edges."""
@@ -151,8 +149,9 @@ def vote(
     weight = jnp.where(allowed, jax.lax.rsqrt(jnp.maximum(pairs, 1.0)), 0.0)
     votes = (best // config.depth).astype(jnp.float32)
     rating = votes.reshape(config.grids, rows, config.places) * weight[None, :, None]
-    rating, row = _best_of_each_group(rating.reshape(-1, config.places), config.poses)
-    place = (row * config.places + jnp.arange(config.places)[None, :]).reshape(-1)
+    rating = rating.reshape(-1, config.places).T
+    rating, row = jax.lax.top_k(rating, min(config.poses, rating.shape[1]))
+    place = (row * config.places + jnp.arange(config.places)[:, None]).reshape(-1)
     pair = jnp.maximum(longest[best[place] % config.depth * best.shape[0] + place], 0)
     rating, row = rating.reshape(-1), row.reshape(-1) % rows
     return Votes(
@@ -162,26 +161,6 @@ def vote(
         rating=rating,
         valid=rating > 0,
     )
-
-
-def _best_of_each_group(
-    rating: Float[Array, "boards places"], groups: int
-) -> tuple[Float[Array, "groups places"], Int[Array, "groups places"]]:
-    """The best rating of every group of boards, and its board; board b is in group b % groups.
-
-    Rating and member in one integer make this a plain maximum: positive numbers are ordered as
-    their bits are, and the last few of those are no loss.
-    """
-    boards, places = rating.shape
-    groups = min(groups, boards)
-    members = -(-boards // groups)
-    rating = jnp.pad(rating, [(0, members * groups - boards), (0, 0)])
-    low = (1 << (members - 1).bit_length()) - 1
-    bits = jax.lax.bitcast_convert_type(rating, jnp.int32).reshape(members, groups, places)
-    ranked = (bits & ~low) | jnp.arange(members, dtype=jnp.int32)[:, None, None]
-    best = jnp.max(ranked, axis=0)
-    board = (best & low) * groups + jnp.arange(groups, dtype=jnp.int32)[:, None]
-    return jax.lax.bitcast_convert_type(best & ~low, jnp.float32), jnp.minimum(board, boards - 1)
 
 
 _IN_BOUNDS = "promise_in_bounds"

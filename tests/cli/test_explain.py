@@ -24,7 +24,7 @@ def test_one_scan_of_the_log_is_explained_and_the_page_written(logs, tmp_path, c
     assert out.read_text() == "<p>page</p>"
     ((scan, references, config, options),) = asked
     assert scan.ranges.shape == (181,)
-    assert len(references) == 12
+    assert len(references) == 8
     assert config.top_k == 5
     assert config.cascade
     assert options["exclude"] == [3]

@@ -145,7 +145,7 @@ def test_an_interrupted_sweep_goes_on_where_it_was_with_the_same_tables(
     )
     status, out, err = command(*sweeping(logs, tmp_path))
     assert (status, out) == (0, "")
-    assert err.startswith("4 configurations, 20 queries, 12 references: best hits ")
+    assert err.startswith("4 configurations, 20 queries, 8 references: best hits ")
     assert len(computed) == 1
     for name in ("sweep.csv", "curves.csv", "manifest.json"):
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()

@@ -50,7 +50,7 @@ def test_every_script_with_a_command_line_is_an_experiment():
     scripts = {
         f"experiments/{path.name}"
         for path in (ROOT / "experiments").glob("[a-z]*.py")
-        if "argparse" in path.read_text()
+        if '__name__ == "__main__"' in path.read_text()
     }
     named = {e.script[0] for e in EXPERIMENTS.values()} - {"-m"}
     assert named | {"experiments/scaling.py"} == scripts
