@@ -26,6 +26,7 @@ import jax
 import numpy as np
 from data import data_root
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from outputs import print_table, write_configuration, write_figure, write_table
 
 import aprjax
@@ -117,7 +118,8 @@ def drawn(curves: dict[str, dict[str, tuple]]) -> Figure:
         ax.set_title(name)
         ax.set_xlabel("share of wrong answers")
         ax.set_xlim(left=0.0)
-        ax.set_ylim(0.0, 1.0)
+        ax.xaxis.set_major_locator(MaxNLocator(4))
+        ax.set_ylim(0.0, 1.01)
         ax.grid(color="#dddddd", linewidth=0.5)
     axes[0].set_ylabel("share of right answers")
     axes[0].legend(loc="lower right", title="chosen by")
