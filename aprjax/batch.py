@@ -39,15 +39,15 @@ def match_batch(
     *,
     exclude: np.ndarray | None = None,
 ) -> MatchResult:
-    """Where each scan was taken, with respect to every reference, in one jitted call.
+    """Where each scan was taken, with respect to every reference, by jitted calls.
 
-    On a CPU, a batch of several chunks is shared among its cores, one such call for each.
+    On a CPU, a batch of several chunks is shared among its cores, one call for each.
     `scans` is a list of scans or a stacked `Scan`; the result has a leading axis of that length
     and lies on the host. `exclude` `(queries, any)` are ids of references that must not answer a
     query, as the scans taken just before it in a search for closed loops; -1 stands for none. The
-    call compiles once for each bucket of beams, of references and
-    of queries (see `numerics.bucket`), whatever the thresholds. Raises `ValueError` for an empty
-    list and for no references; a scan in which nothing can be found is no error but a status.
+    call compiles once for each bucket of beams, of references and of queries (see
+    `numerics.bucket`), whatever the thresholds. Raises `ValueError` for an empty list and for no
+    references; a scan in which nothing can be found is no error but a status.
     """
     config = MatchConfig() if config is None else config
     if len(references) == 0:

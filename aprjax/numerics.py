@@ -1,4 +1,4 @@
-"""Numerical helpers that every stage shares: safe norms, angles, bucket sizes."""
+"""Numerical helpers that every stage shares: precision, norms, angles, look-ups, bucket sizes."""
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -61,7 +61,8 @@ def take(array: Float[Array, "*rows n"], index: Int[Array, "*at"]) -> Float[Arra
     """`array[..., index]` for indices that are known to be in bounds.
 
     Mapped over arrays `(n,)` of its own, each looks up in one long array: XLA on a CPU would
-    spread every index into one for each axis, at several times the cost of the look-up.
+    spread every index into one for each axis, at several times the cost of the look-up. It has no
+    reverse-mode derivative.
     """
     return array.at[..., index].get(mode="promise_in_bounds")
 

@@ -1,7 +1,7 @@
 """A quick check of many alignments: do either scan's end points lie where the other saw them?
 
 Only alternatives that earned it here get a synthetic scan. No surfaces are joined and nothing is
-refined: a thinned set of end points is looked up by bearing in the other view.
+refined here: a thinned set of end points is looked up by bearing in the other view.
 """
 
 import equinox as eqx
@@ -58,7 +58,7 @@ def screen(
     anchors: Int[Array, ""],
     config: ScreenConfig,
 ) -> Float[Array, ""]:
-    """A rough e_m in [0, 1] of one unrefined alignment; both ways count.
+    """A rough e_m in [0, 1] of one alignment; both ways count.
 
     `row` says which of the stacked sketches is meant. Only what is needed of it is gathered.
     """

@@ -231,8 +231,12 @@ def _rejected(
             fate.reference,
             fate.T_ref_query,
             None,
-            f"Reference {fate.reference}, its most promising alternative. It fell out at: "
-            f"{_FELL[fate.stage]}.",
+            f"Reference {fate.reference}, its most promising alternative"
+            + (
+                ", among the hypotheses."
+                if fate.stage == Stage.ANSWERED
+                else f". It fell out at: {_FELL[fate.stage]}."
+            ),
         )
         for fate in drawn
         if fate.T_ref_query is not None

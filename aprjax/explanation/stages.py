@@ -24,6 +24,7 @@ from aprjax.matcher import (
     preselected,
     rank,
 )
+from aprjax.numerics import single_precision
 from aprjax.references import ReferenceIndex, ReferenceSet
 from aprjax.relations.histograms import preselection_quality
 from aprjax.scan import Scan
@@ -120,7 +121,8 @@ def account(
     described = ReferenceSet.build([scan], references.index.config).index.features
     query = jax.tree.map(lambda array: array[0], described)
     excluded = np.asarray(list(exclude) or [-1], np.int32)
-    trace = jax.device_get(_trace(query, excluded, references.index, config))
+    with single_precision():
+        trace = jax.device_get(_trace(query, excluded, references.index, config))
     best = trace.ranked.best
     same = references.ids[np.minimum(trace.evaluated.row[best], len(references) - 1)]
     same = result.valid & (same == result.reference)

@@ -34,8 +34,10 @@ def thresholds(config: eqx.Module, prefix: str = "") -> dict[str, Any]:
 def product(axes: Mapping[str, Sequence[float] | np.ndarray]) -> dict[str, np.ndarray]:
     """All combinations of values: columns `(configurations,)`, those of the last axis fastest.
 
-    Raises `ValueError` for an axis without values, or with one that is not finite.
+    Raises `ValueError` for no axis, for one without values, or with one that is not finite.
     """
+    if not axes:
+        raise ValueError("axes: there is none")
     for name, values in axes.items():
         if np.ndim(values) != 1 or not np.size(values) or not np.all(np.isfinite(values)):
             raise ValueError(f"{name}: {values!r} are no finite values along an axis")

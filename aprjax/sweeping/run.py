@@ -4,8 +4,8 @@ One `vmap` over the swept leaves of a `MatchConfig`, for one query after the oth
 depend on a swept value stays unbatched, down to the single operation, and so is computed once: 64
 tolerances of the congruence share votes, shortlist, refinement and even synthetic scans; values of
 `min_quality` share everything. A loop over configurations with the stages that they share taken
-out of it by hand (`jax.lax.map`) was the slower: 64 configurations of the congruence's tolerance
-or of the refinement's gate cost 10 and 15 single runs there, 3 and 7 with `vmap`.
+out of it by hand (`jax.lax.map`) was slower. `python -m benchmarks 'sweep.*'` says what 64
+configurations cost.
 
 Voting is the exception. Its thresholds decide how often its loops run, and a batched loop selects
 among all counters in every round. Configurations are grouped by them, and groups follow each
@@ -29,7 +29,7 @@ from jaxtyping import Array, Float
 
 from aprjax.features import Features, describe
 from aprjax.matcher import Counts, MatchConfig, MatchResult, match_one
-from aprjax.numerics import bucket
+from aprjax.numerics import bucket, single_precision
 from aprjax.references import ReferenceIndex, ReferenceSet
 from aprjax.relations.histograms import preselection_quality
 from aprjax.scan import Scan
@@ -92,7 +92,9 @@ def sweep(
 
     def work(start: int) -> tuple[list[MatchResult], list[Piece]]:
         here = jax.tree.map(lambda array: np.asarray(array)[start : start + size], batch)
-        return _work(start, here, size, references.index, configs, groups, keep)
+        # A setting of the thread, of which each has its own.
+        with single_precision():
+            return _work(start, here, size, references.index, configs, groups, keep)
 
     # The first one compiles for all, as in `match_batch`.
     workers = (os.cpu_count() or 1) if jax.default_backend() == "cpu" else 1
@@ -139,16 +141,20 @@ def sweep_grid(
         here = np.flatnonzero(choice == number)
         names = [name.removeprefix(FEATURES) for name in described]
         features = configured(references.index.config, dict(zip(names, values, strict=True)))
-        again = ReferenceSet.restore(
-            references.scans, references.ids, references.next_id, features, references.T_world_ref
-        )
+        known = references
+        if described:
+            known = ReferenceSet.restore(
+                references.scans,
+                references.ids,
+                references.next_id,
+                features,
+                references.T_world_ref,
+            )
         configs = configured(config, {name: column[here] for name, column in matched.items()})
         if not matched:
             configs = replace(configs, min_quality=np.full(1, configs.min_quality))
         kept = None if keep is None else _Part(keep, f"{number:04d}-")
-        parts.append(
-            sweep(scans, again if described else references, configs, keep=kept, watch=watch)
-        )
+        parts.append(sweep(scans, known, configs, keep=kept, watch=watch))
         rows.append(here)
     order = np.argsort(np.concatenate(rows), kind="stable")
     return jax.tree.map(lambda *leaves: np.concatenate(leaves)[order], *parts)

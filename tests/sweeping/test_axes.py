@@ -25,6 +25,11 @@ def test_an_axis_without_finite_values_is_refused_by_name(values):
         product({"a": values})
 
 
+def test_no_axis_is_refused():
+    with pytest.raises(ValueError, match="axes: there is none"):
+        product({})
+
+
 def test_a_configuration_gets_thresholds_and_keeps_the_rest():
     config = configured(MatchConfig(), {"congruence.quality.doubt": [0.1, 0.2], "confident": 0.5})
     assert config.congruence.quality.doubt.shape == (2,)
