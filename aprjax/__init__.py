@@ -139,6 +139,8 @@ from aprjax.matcher import MatchConfig as MatchConfig
 from aprjax.matcher import MatchResult as MatchResult
 from aprjax.references import ReferenceSet as ReferenceSet
 from aprjax.scan import Scan as Scan
+from aprjax.sharding.match import match_sharded as match_sharded
+from aprjax.sharding.references import ShardedReferences as ShardedReferences
 from aprjax.status import Status as Status
 from aprjax.sweeping.axes import configured as configured
 from aprjax.sweeping.run import sweep as sweep
@@ -175,6 +177,8 @@ __all__ = [  # noqa: RUF022
     "configured",
     "warm_up",
     "cache_compilations",
+    "ShardedReferences",
+    "match_sharded",
     "OccupancyGrid",
     "read_occupancy_grid",
     "write_occupancy_grid",
@@ -215,6 +219,7 @@ __all__ = [  # noqa: RUF022
     "relations",
     "scan",
     "se2",
+    "sharding",
     "shortlist",
     "sim",
     "status",

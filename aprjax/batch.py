@@ -52,18 +52,15 @@ def match_batch(
     config = MatchConfig() if config is None else config
     if len(references) == 0:
         raise ValueError("references: the set is empty")
-    batch = scans if isinstance(scans, Scan) else Scan.stack(scans)
-    if batch.ranges.ndim != 2 or batch.ranges.shape[0] == 0:
-        raise ValueError(f"scans: ranges of shape {batch.ranges.shape} are not (queries, beams)")
-    queries = batch.ranges.shape[0]
-    excluded = _excluded(exclude, queries)
+    batch, excluded = checked_queries(scans, exclude)
+    queries = len(excluded)
     on_cpu = jax.default_backend() == "cpu"
     cores = (os.cpu_count() or 1) if on_cpu else 1
     workers = min(cores, max(queries // config.chunk, 1))
     part = -(-queries // workers)
     chunk = min(config.chunk, 1 << (part - 1).bit_length())
     slots = -(-bucket(part, smallest=1) // chunk) * chunk
-    thresholds, rules = _packed(config)
+    thresholds, rules = packed(config)
     starts = range(part, queries, part)
 
     def work(start: int) -> MatchResult:
@@ -96,20 +93,26 @@ def match_batch(
     )
 
 
-def _excluded(exclude: np.ndarray | None, queries: int) -> np.ndarray:
-    """Checked ids `(queries, bucket)`, -1 where there is none."""
+def checked_queries(
+    scans: Sequence[Scan] | Scan, exclude: np.ndarray | None
+) -> tuple[Scan, np.ndarray]:
+    """Stacked scans `(queries, slots)` and the ids they exclude `(queries, bucket)`, else -1."""
+    batch = scans if isinstance(scans, Scan) else Scan.stack(scans)
+    if batch.ranges.ndim != 2 or batch.ranges.shape[0] == 0:
+        raise ValueError(f"scans: ranges of shape {batch.ranges.shape} are not (queries, beams)")
+    queries = batch.ranges.shape[0]
     ids = np.full((queries, 0), -1) if exclude is None else np.asarray(exclude)
     if ids.ndim != 2 or len(ids) != queries:
         raise ValueError(f"exclude: shape {ids.shape} is not ({queries}, any)")
     if ids.size and not np.issubdtype(ids.dtype, np.integer):
         raise ValueError(f"exclude: {ids.dtype} is no type of ids")
     missing = bucket(ids.shape[1]) - ids.shape[1]
-    return np.pad(ids.astype(np.int32), [(0, 0), (0, missing)], constant_values=-1)
+    return batch, np.pad(ids.astype(np.int32), [(0, 0), (0, missing)], constant_values=-1)
 
 
 @cache
-def _program() -> Callable[..., MatchResult]:
-    """`_match_chunks`, jitted for the device.
+def compiler_options() -> dict[str, bool]:
+    """How XLA is to compile the matcher.
 
     By default XLA orders what runs on a CPU so that much of it may run at the same time. Here
     chunks do that, and threads that are handed single small operations cost a quarter of the time.
@@ -119,12 +122,20 @@ def _program() -> Callable[..., MatchResult]:
         jax.jit(lambda: 0, compiler_options=option).lower().compile()
     except jax.errors.JaxRuntimeError:  # another XLA, which does not know it
         option = {}
+    return option
+
+
+@cache
+def _program() -> Callable[..., MatchResult]:
+    """`_match_chunks`, jitted for the device."""
     return jax.jit(
-        _match_chunks, static_argnames=("rules", "chunk", "together"), compiler_options=option
+        _match_chunks,
+        static_argnames=("rules", "chunk", "together"),
+        compiler_options=compiler_options(),
     )
 
 
-def _packed(config: MatchConfig) -> tuple[np.ndarray, Any]:
+def packed(config: MatchConfig) -> tuple[np.ndarray, Any]:
     """All thresholds in one array, which goes to the device at once, and their structure."""
     thresholds, rules = jax.tree.flatten(config)
     return np.stack([np.asarray(each, np.float32) for each in thresholds]), rules

@@ -1,6 +1,7 @@
 """APR scan matching: section 2 of the paper, from a scan to weighted global alignments."""
 
 from functools import partial
+from typing import Self
 
 import equinox as eqx
 import jax
@@ -74,6 +75,17 @@ class Counts(eqx.Module):
     """Alternatives of all references."""
     evaluated: Int[Array, "*batch"]
     """Alternatives that were refined and compared by synthetic scans."""
+
+    @classmethod
+    def of(cls, query: Features, found: Int[Array, " rows"], listed: Shortlist) -> Self:
+        """Of one query, with so many alternatives `found` in each reference."""
+        return cls(
+            anchors=jnp.sum(query.anchors.valid, dtype=jnp.int32),
+            overflow=query.anchors.overflow,
+            aligned=jnp.sum(found > 0, dtype=jnp.int32),
+            alternatives=jnp.sum(found, dtype=jnp.int32),
+            evaluated=jnp.sum(listed.alternatives.valid, dtype=jnp.int32),
+        )
 
 
 class MatchResult(eqx.Module):
@@ -167,13 +179,7 @@ def match_one(
     found, listed = candidates(query, allowed, references, config)
     evaluated = evaluate(query, listed, references.features, config)
     ranked = rank(evaluated, references, config)
-    counts = Counts(
-        anchors=jnp.sum(query.anchors.valid, dtype=jnp.int32),
-        overflow=query.anchors.overflow,
-        aligned=jnp.sum(found > 0, dtype=jnp.int32),
-        alternatives=jnp.sum(found, dtype=jnp.int32),
-        evaluated=jnp.sum(listed.alternatives.valid, dtype=jnp.int32),
-    )
+    counts = Counts.of(query, found, listed)
     return answer(query, q_m, evaluated, ranked, counts, references, config)
 
 
@@ -191,7 +197,7 @@ def cascade(
         query.graph,
         config.voting,
     )
-    found = jnp.zeros(allowed.shape[0], jnp.int32).at[votes.row].add(votes.valid.astype(jnp.int32))
+    found = votes.found(allowed.shape[0])
     listed = shortlist(
         votes,
         references.features,

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import equinox as eqx
 import jax
@@ -81,11 +81,7 @@ class ReferenceSet:
         a NaN is a pose that is not known. Raises `ValueError` if there is no scan, and for poses of
         another shape or that are infinite.
         """
-        stacked = scans if isinstance(scans, Scan) else Scan.stack(scans)
-        if np.ndim(stacked.ranges) != 2:
-            raise ValueError(
-                f"scans: ranges of shape {np.shape(stacked.ranges)} are not (references, beams)"
-            )
+        stacked = as_stack(scans)
         count = np.shape(stacked.ranges)[0]
         return cls.restore(stacked, np.arange(count), count, config or FeatureConfig(), T_world_ref)
 
@@ -133,8 +129,8 @@ class ReferenceSet:
         T_world_ref: np.ndarray | None = None,
     ) -> Self:
         """The set of stacked `scans` under ascending `ids` `(references,)`, as a file holds it."""
-        poses = _poses(T_world_ref, len(ids))
-        return cls._of(scans, ids, next_id, poses, _described(scans, config), config)
+        poses = checked_poses(T_world_ref, len(ids))
+        return cls._of(scans, ids, next_id, poses, described(scans, config), config)
 
     @classmethod
     def _of(
@@ -148,7 +144,8 @@ class ReferenceSet:
     ) -> Self:
         """The set of scans whose features are known, on the host."""
         ids = np.asarray(ids, np.int32)
-        return cls(scans, ids, next_id, T_world_ref, _index(features, ids, T_world_ref, config))
+        index = index_of(features, ids, T_world_ref - middle(T_world_ref), config)
+        return cls(scans, ids, next_id, T_world_ref, jax.device_put(index))
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -164,14 +161,14 @@ class ReferenceSet:
         slots = max(slots, new.ranges.shape[-1])
         if slots > self.scans.ranges.shape[-1]:
             # Views are as wide as the scans, so wider scans mean describing all again.
-            both = _joined(self.scans.pad(slots), new.pad(slots))
-            features = _described(both, self.index.config)
+            both = joined(self.scans.pad(slots), new.pad(slots))
+            features = described(both, self.index.config)
         else:
             new = new.pad(slots)
-            both = _joined(self.scans, new)
-            features = _joined(self._features(), _described(new, self.index.config))
+            both = joined(self.scans, new)
+            features = joined(self._features(), described(new, self.index.config))
         ids = np.r_[self.ids, self.next_id + np.arange(count)].astype(np.int32)
-        poses = np.concatenate([self.T_world_ref, _poses(T_world_ref, count)])
+        poses = np.concatenate([self.T_world_ref, checked_poses(T_world_ref, count)])
         return self._of(both, ids, self.next_id + count, poses, features, self.index.config)
 
     def remove(self, ids: Iterable[int]) -> Self:
@@ -179,26 +176,22 @@ class ReferenceSet:
 
         Raises `ValueError` naming an id that is not in the set.
         """
-        gone = np.asarray(list(ids), np.int64)
-        for position, value in enumerate(gone):
-            if value not in self.ids:
-                raise ValueError(f"ids[{position}]: no reference has id {value}")
-        keep = ~np.isin(self.ids, gone)
+        keep = others(self.ids, ids)
         return self._of(
-            _rows(self.scans, keep),
+            rows_of(self.scans, keep),
             self.ids[keep],
             self.next_id,
             self.T_world_ref[keep],
-            _rows(self._features(), keep),
+            rows_of(self._features(), keep),
             self.index.config,
         )
 
     def _features(self) -> Features:
         """The features without padding, on the host."""
-        return _rows(self.index.features, slice(len(self.ids)))
+        return rows_of(self.index.features, slice(len(self.ids)))
 
 
-def _described(scans: Scan, config: FeatureConfig) -> Features:
+def described(scans: Scan, config: FeatureConfig) -> Features:
     """Features of stacked scans, on the host.
 
     Chunks of one shape, so that one compilation serves all, put together by NumPy: eager jax
@@ -209,23 +202,42 @@ def _described(scans: Scan, config: FeatureConfig) -> Features:
     padded = scans.pad_batch(max(-(-count // size), 1) * size)
     with single_precision():
         chunks = [
-            _describe_chunk(_rows(padded, slice(start, start + size)), config)
+            _describe_chunk(rows_of(padded, slice(start, start + size)), config)
             for start in range(0, max(count, 1), size)
         ]
     return jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *chunks)
 
 
-def _rows(stacked, rows):
+def as_stack(scans: Sequence[Scan] | Scan) -> Scan:
+    """Stacked scans `(references, slots)`; raises `ValueError` for others and for none."""
+    stacked = scans if isinstance(scans, Scan) else Scan.stack(scans)
+    if np.ndim(stacked.ranges) != 2:
+        raise ValueError(
+            f"scans: ranges of shape {np.shape(stacked.ranges)} are not (references, beams)"
+        )
+    return stacked
+
+
+def others(ids: np.ndarray, gone: Iterable[int]) -> np.ndarray:
+    """Which of `ids` are not `gone` `(references,)`; raises `ValueError` for one not there."""
+    leaving = np.asarray(list(gone), np.int64)
+    for position, value in enumerate(leaving):
+        if value not in ids:
+            raise ValueError(f"ids[{position}]: no reference has id {value}")
+    return ~np.isin(ids, leaving)
+
+
+def rows_of(stacked, rows):
     """Some rows of stacked scans or features, on the host."""
     return jax.tree.map(lambda array: np.asarray(array)[rows], stacked)
 
 
-def _joined(first, second):
+def joined(first, second):
     """Two stacks of scans or features on the host, one after the other."""
     return jax.tree.map(lambda a, b: np.concatenate([a, b]), first, second)
 
 
-def _poses(T_world_ref: np.ndarray | None, count: int) -> np.ndarray:
+def checked_poses(T_world_ref: np.ndarray | None, count: int) -> np.ndarray:
     """Checked poses `(count, 3)`, NaN where none are given."""
     if T_world_ref is None:
         return np.full((count, 3), np.nan)
@@ -238,15 +250,28 @@ def _poses(T_world_ref: np.ndarray | None, count: int) -> np.ndarray:
     return poses
 
 
-def _index(
-    features: Features, ids: np.ndarray, T_world_ref: np.ndarray, config: FeatureConfig
-) -> ReferenceIndex:
-    """The index of unpadded features."""
-    missing = bucket(max(len(ids), 1)) - len(ids)
+def middle(T_world_ref: np.ndarray) -> np.ndarray:
+    """What to take from poses `(references, 3)`, some of them NaN, so that the origin is amid them.
 
-    def pad(array: np.ndarray, fill: int = 0) -> Array:
-        width = [(0, missing)] + [(0, 0)] * (array.ndim - 1)
-        return jax.device_put(np.pad(array, width, constant_values=fill))
+    Only differences matter, and float32 is too coarse for coordinates far from their origin.
+    """
+    known = np.all(np.isfinite(T_world_ref), axis=1)
+    return np.append(T_world_ref[known, :2].mean(axis=0) if known.any() else np.zeros(2), 0.0)
+
+
+def index_of(
+    features: Features,
+    ids: np.ndarray,
+    T_world_ref: np.ndarray,
+    config: FeatureConfig,
+    rows: int | None = None,
+) -> ReferenceIndex:
+    """The index of unpadded features, on the host, with so many rows or those of its bucket."""
+    rows = bucket(max(len(ids), 1)) if rows is None else rows
+
+    def pad(array: np.ndarray, fill: int = 0) -> Any:
+        width = [(0, rows - len(ids))] + [(0, 0)] * (array.ndim - 1)
+        return np.pad(array, width, constant_values=fill)
 
     padded = jax.tree.map(pad, features)
     # A step of zero between beams would divide by zero.
@@ -255,9 +280,7 @@ def _index(
         lambda f: (f.view.angle_increment, f.sketch.scanner.angle_increment), padded, (step, step)
     )
     known = np.all(np.isfinite(T_world_ref), axis=1)
-    # Only differences matter, and float32 is too coarse for coordinates far from their origin.
-    middle = np.append(T_world_ref[known, :2].mean(axis=0) if known.any() else np.zeros(2), 0.0)
-    poses = np.where(known[:, None], T_world_ref - middle, 0.0).astype(np.float32)
+    poses = np.where(known[:, None], T_world_ref, 0.0).astype(np.float32)
     placement = Placement(pad(poses), pad(known))
-    edges = EdgeTable.build(jax.tree.map(np.asarray, padded.graph))
-    return ReferenceIndex(padded, edges, pad(ids, fill=-1), placement, jax.device_put(config))
+    edges = EdgeTable.build(padded.graph)
+    return ReferenceIndex(padded, edges, pad(ids, fill=-1), placement, config)

@@ -4,6 +4,8 @@ Two cheap looks at ever fewer alternatives. The first, a glance, sees them as ed
 brief refinement of those that pass lets the second look closer.
 """
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -89,7 +91,18 @@ def glance_through(
     config: ShortlistConfig,
 ) -> Votes:
     """The `passed` poses of the best glance, best first."""
-    score = jax.vmap(glance, (None, 0, None, 0, 0, None, None))(
+    return pass_on(votes, glances(votes, references, query, raster_config, config), config)
+
+
+def glances(
+    votes: Votes,
+    references: Features,
+    query: Features,
+    raster_config: RasterConfig,
+    config: ShortlistConfig,
+) -> Float[Array, " poses"]:
+    """How well each pose looks at a glance."""
+    return jax.vmap(glance, (None, 0, None, 0, 0, None, None))(
         references.raster,
         votes.row,
         query.raster,
@@ -98,6 +111,10 @@ def glance_through(
         raster_config,
         config.glance,
     )
+
+
+def pass_on(votes: Votes, score: Float[Array, " poses"], config: ShortlistConfig) -> Votes:
+    """The `passed` valid poses of the highest score, best first."""
     score = jnp.where(votes.valid, score, -1.0)
     _, best = jax.lax.top_k(score, min(config.passed, score.shape[0]))
     return jax.tree.map(lambda array: array[best], votes)
@@ -110,11 +127,29 @@ def look_closer(
     alignment_config: AlignmentConfig,
     config: ShortlistConfig,
 ) -> Shortlist:
-    """The `kept` alternatives that look best after a brief refinement.
+    """The `kept` alternatives that look best after a brief refinement; see `keep` for which."""
+    looks = look(passed, references, query, alignment_config, config)
+    return keep(passed, looks, alignment_config, config)
 
-    They are valid if as many anchors agree as an alignment needs, and none that looks better is
-    the same: cells of both grids, and neighbours, vote for one pose, and settle to one.
-    """
+
+class Looks(NamedTuple):
+    """What the second look found, `(passed,)`."""
+
+    T_ref_query: Pose
+    """Refined."""
+    anchors: Int[Array, " passed"]
+    """That agree there."""
+    score: Float[Array, " passed"]
+
+
+def look(
+    passed: Votes,
+    references: Features,
+    query: Features,
+    alignment_config: AlignmentConfig,
+    config: ShortlistConfig,
+) -> Looks:
+    """Poses after a brief refinement, and how well they look."""
 
     def refined(T_ref_query: Pose, row: Int[Array, ""]) -> tuple[Pose, Int[Array, ""]]:
         graph, view = jax.tree.map(lambda array: array[row], (references.graph, references.view))
@@ -123,8 +158,6 @@ def look_closer(
         return T_ref_query, counterparts(graph, query.graph, T_ref_query, distance)
 
     T_ref_query, anchors = jax.vmap(refined)(passed.T_ref_query, passed.row)
-    enough = anchors.astype(jnp.float32) >= alignment_config.min_anchors
-    alternatives = Alternatives(T_ref_query, anchors, passed.count, passed.valid & enough)
     score = jax.vmap(screen, (None, 0, None, 0, 0, None))(
         references.sketch,
         passed.row,
@@ -133,6 +166,20 @@ def look_closer(
         anchors,
         config.closer,
     )
+    return Looks(T_ref_query, anchors, score)
+
+
+def keep(
+    passed: Votes, looks: Looks, alignment_config: AlignmentConfig, config: ShortlistConfig
+) -> Shortlist:
+    """The `kept` alternatives of the highest score.
+
+    They are valid if as many anchors agree as an alignment needs, and none that looks better is
+    the same: cells of both grids, and neighbours, vote for one pose, and settle to one.
+    """
+    T_ref_query, anchors, score = looks
+    enough = anchors.astype(jnp.float32) >= alignment_config.min_anchors
+    alternatives = Alternatives(T_ref_query, anchors, passed.count, passed.valid & enough)
     score = jnp.where(alternatives.valid, score, -1.0)
     # Among a few times as many as will be kept: gaps of all pairs would take longer than the look.
     _, best = jax.lax.top_k(score, min(_DISTINCT * config.kept, score.shape[0]))

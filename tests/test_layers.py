@@ -32,6 +32,7 @@ ORDER = [
     "matcher",
     "batch",
     "compilation",
+    "sharding",
     "sweeping",
     "metrics",
     "io",

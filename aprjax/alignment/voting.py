@@ -60,6 +60,10 @@ class Votes(eqx.Module):
     """c / √(k_act k_m)."""
     valid: Bool[Array, " poses"]
 
+    def found(self, rows: int) -> Int[Array, " rows"]:
+        """How many are in each reference."""
+        return jnp.zeros(rows, jnp.int32).at[self.row].add(self.valid.astype(jnp.int32))
+
 
 class _Edge(NamedTuple):
     """Undirected edges of the query, less their length."""
@@ -91,8 +95,9 @@ def vote(
     """The best rated poses of one query in the `allowed` references; `k_m` counts their edges.
 
     A reference's cells are divided at random into `places` parts, and of each part the best
-    `poses` of all references are kept: next to the best of all, at a fraction of the time. Raises
-    `ValueError` for more pairs of edges than 32 bits can number (some 70 000 references).
+    `poses` of all references are kept: next to the best of all, at a fraction of the time. Equals
+    are in the order of their rows. Raises `ValueError` for more pairs of edges than 32 bits can
+    number (some 70 000 references).
     """
     rows, grids = k_m.shape[0], range(config.grids)
     centre = _centre(query)
@@ -148,12 +153,12 @@ def vote(
     pairs = k_m * jnp.maximum(query.edges.astype(jnp.float32), 1.0)
     weight = jnp.where(allowed, jax.lax.rsqrt(jnp.maximum(pairs, 1.0)), 0.0)
     votes = (best // config.depth).astype(jnp.float32)
-    rating = votes.reshape(config.grids, rows, config.places) * weight[None, :, None]
+    rating = votes.reshape(rows, config.grids, config.places) * weight[:, None, None]
     rating = rating.reshape(-1, config.places).T
     rating, row = jax.lax.top_k(rating, min(config.poses, rating.shape[1]))
     place = (row * config.places + jnp.arange(config.places)[:, None]).reshape(-1)
     pair = jnp.maximum(longest[best[place] % config.depth * best.shape[0] + place], 0)
-    rating, row = rating.reshape(-1), row.reshape(-1) % rows
+    rating, row = rating.reshape(-1), row.reshape(-1) // config.grids
     return Votes(
         T_ref_query=jnp.where((rating > 0)[:, None], _pose(table, edges, centre, pair), 0.0),
         row=row,
@@ -225,7 +230,7 @@ def _counter(
     mixed = mixed ^ (mixed >> np.uint32(16))
     place = (mixed % np.uint32(config.places)).astype(jnp.int32)
     level = (mixed // np.uint32(config.places) % np.uint32(config.depth)).astype(jnp.int32)
-    return ((level * config.grids + grid) * rows + row) * config.places + place
+    return ((level * rows + row) * config.grids + grid) * config.places + place
 
 
 def _pose(

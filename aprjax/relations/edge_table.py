@@ -4,10 +4,9 @@ Edges as long as a given one are neighbours in it, so that a query's correspondi
 references are a few contiguous slices. `aprjax.relations.index_table` is its definition.
 """
 
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -41,7 +40,7 @@ class EdgeTable(eqx.Module):
 
     @classmethod
     def build(cls, graphs: AnchorGraph) -> Self:
-        """The table of stacked graphs `(rows, ...)` on the host.
+        """The table of stacked graphs `(rows, ...)`; both are on the host.
 
         It has a slot for every edge that the capacities allow: its shape depends on theirs
         alone.
@@ -57,9 +56,9 @@ class EdgeTable(eqx.Module):
         cos, sin = np.where(unit[:, 1:] < 0, -unit, unit).T
         x, y = 0.5 * (xy[row, start] + xy[row, stop]).T
 
-        def padded(values: np.ndarray, fill: float = 0) -> Array:
+        def padded(values: np.ndarray, fill: float = 0) -> Any:
             missing = [(0, 0)] * (values.ndim - 1) + [(0, valid.size - len(row))]
-            return jax.device_put(np.pad(values, missing, constant_values=fill))
+            return np.pad(values, missing, constant_values=fill)
 
         return cls(
             length=padded(np.asarray(graphs.length)[row, start, stop], fill=np.inf),

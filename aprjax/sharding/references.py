@@ -1,0 +1,137 @@
+"""The set of reference scans, spread over devices."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import jax
+import numpy as np
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
+from jaxtyping import Array
+
+from aprjax.features import FeatureConfig
+from aprjax.numerics import bucket
+from aprjax.references import (
+    ReferenceIndex,
+    as_stack,
+    checked_poses,
+    described,
+    index_of,
+    joined,
+    middle,
+    others,
+    rows_of,
+)
+from aprjax.scan import Scan
+
+
+@dataclass(frozen=True, eq=False)
+class ShardedReferences:
+    """Reference scans and their features, spread evenly over the devices of a mesh.
+
+    As `ReferenceSet`, but `add` and `remove` spread, and describe, all of them anew: references
+    that change often are better kept in a `ReferenceSet` for as long as it holds them.
+    """
+
+    scans: Scan
+    """On the host, `(references, slots)`."""
+    ids: np.ndarray
+    """`(references,)`, ascending."""
+    next_id: int
+    """What the next reference will be called."""
+    T_world_ref: np.ndarray
+    """`(references, 3)`, metres and radians; NaN where not known."""
+    config: FeatureConfig
+    mesh: Mesh
+    """Of one axis."""
+    index: ReferenceIndex
+    """Every leaf has a leading axis of devices, along which it is spread."""
+
+    @classmethod
+    def build(
+        cls,
+        scans: Sequence[Scan] | Scan,
+        mesh: Mesh,
+        config: FeatureConfig | None = None,
+        *,
+        T_world_ref: np.ndarray | None = None,
+    ) -> Self:
+        """The set of these scans, with ids 0, 1, …, on all devices of the mesh.
+
+        Arguments and errors are those of `ReferenceSet.build`; `ValueError` also for a mesh of
+        several axes, or of more devices than there are scans. The devices of a process are to be
+        neighbours in the mesh, as they are in `jax.devices()`.
+        """
+        stacked = as_stack(scans)
+        count = np.shape(stacked.ranges)[0]
+        poses = checked_poses(T_world_ref, count)
+        return cls._spread(stacked, np.arange(count), count, poses, config or FeatureConfig(), mesh)
+
+    @classmethod
+    def _spread(
+        cls,
+        scans: Scan,
+        ids: np.ndarray,
+        next_id: int,
+        T_world_ref: np.ndarray,
+        config: FeatureConfig,
+        mesh: Mesh,
+    ) -> Self:
+        """As many references on each device, in the order of their ids."""
+        if len(mesh.axis_names) != 1:
+            raise ValueError(f"mesh: axes {mesh.axis_names} are not one")
+        if len(ids) < mesh.size:
+            raise ValueError(f"scans: {len(ids)} of them are fewer than the {mesh.size} devices")
+        ids = np.asarray(ids, np.int32)
+        bounds = np.linspace(0, len(ids), mesh.size + 1).astype(int)
+        rows = bucket(int(np.diff(bounds).max()))
+        origin = middle(T_world_ref)
+
+        def shard(number: int) -> ReferenceIndex:
+            here = slice(bounds[number], bounds[number + 1])
+            features = described(rows_of(scans, here), config)
+            return index_of(features, ids[here], T_world_ref[here] - origin, config, rows)
+
+        process = jax.process_index()
+        mine = [k for k, device in enumerate(mesh.devices.flat) if device.process_index == process]
+
+        def placed(*shards: np.ndarray) -> Array:
+            """One leaf of the index, of which these are the parts in this process."""
+            layout = NamedSharding(mesh, PartitionSpec(*mesh.axis_names))
+            return jax.make_array_from_process_local_data(layout, np.stack(shards))
+
+        index = jax.tree.map(placed, *map(shard, mine))
+        return cls(scans, ids, next_id, T_world_ref, config, mesh, index)
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def add(self, scans: Sequence[Scan] | Scan, *, T_world_ref: np.ndarray | None = None) -> Self:
+        """The set with these scans added under the next ids, spread anew. Raises as `build`."""
+        new = as_stack(scans)
+        count = np.shape(new.ranges)[0]
+        slots = max(self.scans.ranges.shape[-1], np.shape(new.ranges)[-1])
+        return self._spread(
+            joined(self.scans.pad(slots), new.pad(slots)),
+            np.r_[self.ids, self.next_id + np.arange(count)],
+            self.next_id + count,
+            np.concatenate([self.T_world_ref, checked_poses(T_world_ref, count)]),
+            self.config,
+            self.mesh,
+        )
+
+    def remove(self, ids: Iterable[int]) -> Self:
+        """The set without the references of these ids, spread anew; the others keep theirs.
+
+        Raises `ValueError` naming an id that is not in the set, and if fewer references than
+        devices would be left.
+        """
+        left = others(self.ids, ids)
+        return self._spread(
+            rows_of(self.scans, left),
+            self.ids[left],
+            self.next_id,
+            self.T_world_ref[left],
+            self.config,
+            self.mesh,
+        )
