@@ -25,7 +25,9 @@ def found(tmp_path_factory):
     environment = {
         **os.environ,
         "JAX_PLATFORMS": "cpu",
-        "XLA_FLAGS": f"--xla_force_host_platform_device_count={DEVICES}",
+        # Without optimisation, programs compile in a fraction of the time.
+        "XLA_FLAGS": f"--xla_force_host_platform_device_count={DEVICES} "
+        "--xla_backend_optimization_level=0",
     }
     outs = [folder / f"{number}.npz" for number in range(PROCESSES)]
     command = [sys.executable, "-m", "tests.sharding.process"]
