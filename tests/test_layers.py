@@ -33,6 +33,7 @@ ORDER = [
     "batch",
     "compilation",
     "sharding",
+    "catalogue",
     "sweeping",
     "metrics",
     "io",

@@ -66,6 +66,22 @@ class EdgeTable(eqx.Module):
             row=padded(row.astype(np.int32)),
         )
 
+    @classmethod
+    def of(cls, graphs: AnchorGraph) -> Self:
+        """The table of stacked graphs, traceable: as `build`, and slower for many."""
+        rows, anchors = graphs.xy.shape[0], graphs.xy.shape[-2]
+        a, b = np.triu_indices(anchors, k=1)
+        length = jnp.where(graphs.valid[:, a, b], graphs.length[:, a, b], jnp.inf).reshape(-1)
+        unit = graphs.unit[:, a, b].reshape(-1, 2)
+        cos, sin = jnp.where(unit[:, 1:] < 0, -unit, unit).T
+        x, y = (0.5 * (graphs.xy[:, a] + graphs.xy[:, b])).reshape(-1, 2).T
+        real = jnp.isfinite(length)
+        fields = Geometry(x, y, cos, sin, jnp.arctan2(sin, jnp.where(real, cos, 1.0)))
+        order = jnp.argsort(length, stable=True)
+        row = jnp.repeat(jnp.arange(rows, dtype=jnp.int32), len(a))
+        geometry = jnp.where(real, jnp.stack(fields), 0.0)
+        return cls(length[order], geometry[:, order], jnp.where(real, row, 0)[order])
+
     def window(
         self, length: Float[Array, "*k"], tolerance: Float[Array, ""]
     ) -> tuple[Int[Array, "*k"], Int[Array, "*k"]]:

@@ -1,0 +1,143 @@
+"""Scans and their signatures, in blocks."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+
+from aprjax.anchors.segment import segment
+from aprjax.anchors.surface import surface
+from aprjax.catalogue.signature import SignatureConfig, signature
+from aprjax.evaluation.view import view
+from aprjax.features import FeatureConfig
+from aprjax.numerics import bucket, single_precision
+from aprjax.references import as_stack, joined, rows_of
+from aprjax.scan import Scan
+
+BLOCK = 8192
+"""References of a block: they are compared with a query at once."""
+_CHUNK = 64  # scans whose signatures are taken at a time, which bounds the memory
+
+
+class CatalogueConfig(eqx.Module):
+    """How references are told apart, and how they are described when they are needed."""
+
+    signature: SignatureConfig = SignatureConfig()
+    features: FeatureConfig = FeatureConfig()
+
+
+@dataclass(frozen=True)
+class Block:
+    """So many references, or fewer in the last one."""
+
+    scans: Scan
+    """On the host, `(references, slots)`."""
+    signatures: Float[Array, "block size"]
+    """On the device; zero where there is no reference."""
+
+    def __len__(self) -> int:
+        return self.scans.ranges.shape[0]
+
+
+@dataclass(frozen=True)
+class Catalogue:
+    """Reference scans with ids 0, 1, … and a signature each. Immutable; `add` gives another one.
+
+    Memory: four bytes for each beam (in buckets) and each entry of a signature, about 2.7 kB for a
+    reference of 181 beams.
+    """
+
+    slots: int
+    """Beams that every scan is padded to."""
+    config: CatalogueConfig
+    blocks: tuple[Block, ...] = ()
+    """All but the last one are full."""
+
+    @classmethod
+    def build(
+        cls, scans: Sequence[Scan] | Scan, config: CatalogueConfig | None = None, *, beams: int = 0
+    ) -> Self:
+        """The catalogue of these scans, to which scans of so many `beams` can be added.
+
+        `scans` is a list or a stacked `Scan` `(references, slots)`. Raises `ValueError` for none.
+        """
+        stacked = as_stack(scans)
+        slots = bucket(max(stacked.ranges.shape[-1], beams), smallest=64)
+        return cls(slots, config or CatalogueConfig()).add(stacked)
+
+    def __len__(self) -> int:
+        return sum(map(len, self.blocks))
+
+    def add(self, scans: Sequence[Scan] | Scan) -> Self:
+        """The catalogue with these scans under the next ids; full blocks are shared, not copied.
+
+        Thousands at a time are quickest. Raises `ValueError` for scans of more beams than the
+        catalogue has slots for.
+        """
+        new = as_stack(scans)
+        if new.ranges.shape[-1] > self.slots:
+            raise ValueError(
+                f"scans: {new.ranges.shape[-1]} beams are more than the catalogue's {self.slots}"
+            )
+        new = new.pad(self.slots)
+        signatures = self.signatures(new)
+        full = self.blocks
+        if full and len(full[-1]) < BLOCK:
+            last, full = full[-1], full[:-1]
+            new = joined(last.scans, new)
+            signatures = np.concatenate([np.asarray(last.signatures)[: len(last)], signatures])
+        return replace(
+            self,
+            blocks=(
+                *full,
+                *(
+                    _block(new, signatures, slice(start, start + BLOCK))
+                    for start in range(0, len(signatures), BLOCK)
+                ),
+            ),
+        )
+
+    def signatures(self, scans: Scan) -> Float[np.ndarray, "scans size"]:
+        """The signatures of stacked scans, on the host."""
+        count = scans.ranges.shape[0]
+        size = min(_CHUNK, bucket(count))
+        padded = scans.pad_batch(-(-count // size) * size)
+        with single_precision():
+            chunks = [
+                _signatures(rows_of(padded, slice(start, start + size)), self.config)
+                for start in range(0, count, size)
+            ]
+        return np.concatenate([np.asarray(chunk) for chunk in chunks])[:count]
+
+    def scans(self, ids: np.ndarray) -> Scan:
+        """Copies of the scans of these ids `(any,)`, stacked."""
+        parts = [rows_of(block.scans, slice(0, 0)) for block in self.blocks[:1]]
+        order = np.argsort(ids, kind="stable")
+        block, row = np.divmod(ids[order], BLOCK)
+        for number in np.unique(block):
+            parts.append(rows_of(self.blocks[number].scans, row[block == number]))
+        found = jax.tree.map(lambda *arrays: np.concatenate(arrays), *parts)
+        back = np.empty_like(order)
+        back[order] = np.arange(len(order))
+        return rows_of(found, back)
+
+
+def _block(scans: Scan, signatures: np.ndarray, rows: slice) -> Block:
+    """The block of some rows."""
+    here = signatures[rows]
+    padded = np.pad(here, [(0, BLOCK - len(here)), (0, 0)])
+    return Block(rows_of(scans, rows), jax.device_put(padded))
+
+
+@jax.jit
+def _signatures(scans: Scan, config: CatalogueConfig) -> Float[Array, "scans size"]:
+    def one(scan: Scan) -> Float[Array, " size"]:
+        segments = segment(scan, config.features.extraction.segment)
+        course = surface(segments, config.features.extraction.surface)
+        return signature(view(scan, segments, course, config.features.view), config.signature)
+
+    return jax.vmap(one)(scans)

@@ -1,0 +1,170 @@
+"""Matching with a catalogue: the references most like the query, each described anew."""
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from aprjax.batch import checked_queries, compiler_options, packed
+from aprjax.catalogue.catalogue import BLOCK, Catalogue
+from aprjax.evaluation.distinctiveness import Placement
+from aprjax.features import FeatureConfig, describe
+from aprjax.matcher import MatchConfig, MatchResult, match_one
+from aprjax.numerics import HIGHEST, bucket, single_precision
+from aprjax.references import ReferenceIndex, rows_of
+from aprjax.relations.edge_table import EdgeTable
+from aprjax.relations.histograms import preselection_quality
+from aprjax.scan import Scan
+
+LIKELY = 64
+"""References that are described and matched, by default."""
+_AT_ONCE = 256  # queries whose signatures are compared at a time, which bounds the memory
+
+
+def most_alike(
+    scans: Scan, catalogue: Catalogue, count: int = LIKELY, *, exclude: np.ndarray | None = None
+) -> Int[np.ndarray, "queries count"]:
+    """Ids of the references whose signatures are most like those of stacked scans, best first.
+
+    Equals are in the order of their ids; -1 where there are no more. `exclude` as in
+    `match_catalogue`.
+    """
+    batch, excluded = checked_queries(scans, exclude)
+    signatures = catalogue.signatures(batch.pad(max(catalogue.slots, batch.ranges.shape[-1])))
+    slots = bucket(len(signatures), smallest=1)
+    padding = [(0, slots - len(signatures)), (0, 0)]
+    signatures, excluded = np.pad(signatures, padding), np.pad(excluded, padding)
+    likeness = np.full((slots, count), -1.0, np.float32)
+    best = np.full((slots, count), -1, np.int32)
+    with single_precision():
+        for number, block in enumerate(catalogue.blocks):
+            first, size = np.int32(number * BLOCK), np.int32(len(block))
+            likeness, best = _more_alike(
+                signatures, excluded, block.signatures, first, size, likeness, best
+            )
+    found = np.asarray(best)[: batch.ranges.shape[0]]
+    return np.where(np.asarray(likeness)[: len(found)] >= 0, found, -1)
+
+
+@jax.jit
+def _more_alike(
+    queries: Float[Array, "queries size"],
+    excluded: Int[Array, "queries any"],
+    block: Float[Array, "block size"],
+    first: Int[Array, ""],
+    count: Int[Array, ""],
+    likeness: Float[Array, "queries best"],
+    best: Int[Array, "queries best"],
+) -> tuple[Float[Array, "queries best"], Int[Array, "queries best"]]:
+    """The best after those of another block, which begins with the reference `first`."""
+    product = jnp.matmul(queries, block.T, precision=HIGHEST)
+    ids = first + jnp.arange(block.shape[0], dtype=jnp.int32)
+    banned = jnp.any(ids[None, :, None] == excluded[:, None, :], axis=2)
+    product = jnp.where((ids < first + count)[None, :] & ~banned, product, -1.0)
+    together = jnp.concatenate([likeness, product], axis=1)
+    known = jnp.concatenate([best, jnp.broadcast_to(ids, product.shape)], axis=1)
+    top, index = jax.lax.top_k(together, best.shape[1])
+    return top, jnp.take_along_axis(known, index, axis=1)
+
+
+def match_catalogue(
+    scans: Sequence[Scan] | Scan,
+    catalogue: Catalogue,
+    config: MatchConfig | None = None,
+    *,
+    exclude: np.ndarray | None = None,
+    likely: int = LIKELY,
+) -> MatchResult:
+    """Where each scan was taken, with respect to the `likely` references that are most like it.
+
+    Arguments, result and errors are those of `aprjax.match_batch`; references are told by their
+    ids in the catalogue. Memory beyond the catalogue does not grow with it, nor with the number of
+    scans beyond a few hundred.
+    """
+    config = MatchConfig() if config is None else config
+    if len(catalogue) == 0:
+        raise ValueError("catalogue: it is empty")
+    if likely < 1:
+        raise ValueError(f"likely: {likely} is not a positive number")
+    batch, excluded = checked_queries(scans, exclude)
+    queries = len(excluded)
+    chunk = min(config.chunk, 1 << (queries - 1).bit_length())
+    thresholds, rules = packed(config)
+    on_cpu = jax.default_backend() == "cpu"
+
+    def work(start: int) -> MatchResult:
+        rows = slice(start, min(start + chunk, queries))
+        here, missing = rows_of(batch, rows), chunk - (rows.stop - rows.start)
+        ids = np.sort(alike[rows], axis=1)
+        known = catalogue.scans(np.maximum(ids, 0).reshape(-1))
+        known = jax.tree.map(lambda array: array.reshape(*ids.shape, *array.shape[1:]), known)
+        # A setting of the thread, of which each has its own.
+        with single_precision():
+            result = _program()(
+                here.pad_batch(chunk),
+                *(_padded(tree, missing) for tree in (excluded[rows], known, ids)),
+                catalogue.config.features,
+                thresholds,
+                rules,
+                together=not on_cpu,
+            )
+        return jax.tree.map(lambda array: array[: chunk - missing], jax.device_get(result))
+
+    alike = np.concatenate(
+        [
+            most_alike(rows_of(batch, rows), catalogue, likely, exclude=excluded[rows])
+            for rows in (slice(start, start + _AT_ONCE) for start in range(0, queries, _AT_ONCE))
+        ]
+    )
+    # The first one compiles for all.
+    starts = range(0, queries, chunk)
+    results = [work(starts[0])]
+    with ThreadPoolExecutor((os.cpu_count() or 1) if on_cpu else 1) as pool:
+        results += pool.map(work, starts[1:])
+    return jax.tree.map(lambda *parts: np.concatenate(parts), *results)
+
+
+def _padded(tree: Any, missing: int) -> Any:
+    """So many more queries, as the first one."""
+    return jax.tree.map(lambda a: np.concatenate([a, np.repeat(a[:1], missing, axis=0)]), tree)
+
+
+@cache
+def _program() -> Callable[..., MatchResult]:
+    """`_match_chunk`, jitted for the device."""
+    return jax.jit(
+        _match_chunk, static_argnames=("rules", "together"), compiler_options=compiler_options()
+    )
+
+
+def _match_chunk(
+    scans: Scan,
+    excluded: Int[Array, "chunk any"],
+    likely: Scan,
+    ids: Int[Array, "chunk rows"],
+    features: FeatureConfig,
+    thresholds: Float[Array, " thresholds"],
+    rules: Any,
+    together: bool,
+) -> MatchResult:
+    """Queries, each with scans `(chunk, rows)` and ids of its own; -1 for none."""
+    config = jax.tree.unflatten(rules, list(thresholds))
+
+    def one(of: tuple[Scan, Array, Scan, Array]) -> MatchResult:
+        scan, excluded, likely, ids = of
+        query = describe(scan, features)
+        known = jax.vmap(describe, (0, None))(likely, features)
+        nowhere = Placement(jnp.zeros((*ids.shape, 3)), jnp.zeros(ids.shape, bool))
+        references = ReferenceIndex(known, EdgeTable.of(known.graph), ids, nowhere, features)
+        histogram = jax.tree.map(lambda array: array[None], query.histogram)
+        q_m = preselection_quality(histogram, known.histogram, features.relation)[0]
+        return match_one(query, q_m, excluded, references, config)
+
+    each = jax.vmap(lambda *of: one(of)) if together else lambda *of: jax.lax.map(one, of)
+    return each(scans, excluded, likely, ids)
