@@ -116,7 +116,6 @@ Why one reference answered, and not another, is a page for a browser: `aprjax.ex
 from aprjax.batch import match as match
 from aprjax.batch import match_batch as match_batch
 from aprjax.catalogue.catalogue import Catalogue as Catalogue
-from aprjax.catalogue.catalogue import CatalogueConfig as CatalogueConfig
 from aprjax.catalogue.match import match_catalogue as match_catalogue
 from aprjax.compilation import cache_compilations as cache_compilations
 from aprjax.compilation import warm_up as warm_up
@@ -183,7 +182,6 @@ __all__ = [  # noqa: RUF022
     "ShardedReferences",
     "match_sharded",
     "Catalogue",
-    "CatalogueConfig",
     "match_catalogue",
     "OccupancyGrid",
     "read_occupancy_grid",

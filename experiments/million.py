@@ -9,7 +9,7 @@ within 2 m and 40° of the query on its floor.
 
 Each query ranks the references of its own floor and of more and more others, by the paper's q_m
 and by the signature of `aprjax.catalogue` that succeeds it. Then queries are matched with the
-catalogue of all. Floors are made, and their scans taken, some at a time; that does not count. Writes
+catalogue of all. Floors are made, and their scans taken, some at a time; that is not timed. Writes
 into DIR:
 
 - `recall.csv`: the share of the queries with a right reference among the first 64, over the number
@@ -90,7 +90,7 @@ def one_floor(number: int, asked: int) -> tuple[np.ndarray, ...]:
     """Poses and ranges of a floor's references and queries."""
     rng = np.random.default_rng(number)
     plan = office(number, clutter=CLUTTER, visited=99)
-    areas = [area for _, area in plan.areas.nodes(data="rectangle")]
+    areas: list[np.ndarray] = [plan.areas.nodes[node]["rectangle"] for node in plan.areas]
     size = np.array([np.prod(area[1] - area[0]) for area in areas])
     where = rng.choice(len(areas), EACH, p=size / size.sum())
     poses = np.array([[*point_in(rng, areas[k]), rng.uniform(-np.pi, np.pi)] for k in where])
@@ -119,7 +119,7 @@ def _ranges(rng: np.random.Generator, plan: FloorPlan, poses: np.ndarray) -> np.
 
 @jax.jit
 def _cast(world: World, poses: jax.Array) -> jax.Array:
-    return jax.lax.map(lambda pose: cast(world, pose, BEARINGS), poses)
+    return jax.lax.map(lambda pose: cast(world, pose, jax.numpy.asarray(BEARINGS)), poses)
 
 
 def stack(ranges: np.ndarray) -> aprjax.Scan:
@@ -168,14 +168,14 @@ class Measures:
         self.histogram = self._histogram(queries)
 
     def _histogram(self, scans: aprjax.Scan) -> EdgeHistogram:
-        index = aprjax.ReferenceSet.build(scans, self.catalogue.config.features).index
+        index = aprjax.ReferenceSet.build(scans, self.catalogue.config).index
         count = len(scans.ranges)
         return jax.tree.map(lambda array: np.asarray(array)[:count], index.features.histogram)
 
     def of(self, references: aprjax.Scan) -> dict[str, np.ndarray]:
         """`(queries, references)` each."""
         mine, theirs = self.histogram, self._histogram(references)
-        count = _counted(mine, theirs, self.catalogue.config.features.relation)
+        count = _counted(mine, theirs, self.catalogue.config.relation)
         edges = np.maximum(mine.edges[:, None] * theirs.edges[None, :], 1.0)
         signatures = self.catalogue.signatures(references)
         return {"q_m": np.asarray(count) ** 2 / edges, "signature": self.signatures @ signatures.T}
@@ -257,7 +257,7 @@ def costs(catalogue: aprjax.Catalogue, seconds: float, asked: Floors) -> dict:
     own = asked.query_floor[chosen] == np.maximum(reference, 0) // EACH
     T_floor_ref = asked.T_floor_ref[np.where(own, reference, 0)]
     truth = relative(T_floor_ref, asked.T_floor_query[chosen])
-    right = own & is_right(result.T_ref_query[:, 0], truth) & result.confident
+    right = own & is_right(np.asarray(result.T_ref_query[:, 0]), truth) & result.confident
     return {
         "references": len(catalogue),
         "inserted_per_s": round(len(catalogue) / seconds),

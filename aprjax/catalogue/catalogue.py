@@ -4,14 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
-import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Array, Float
 
 from aprjax.anchors.segment import segment
 from aprjax.anchors.surface import surface
-from aprjax.catalogue.signature import SignatureConfig, signature
+from aprjax.catalogue.signature import Discriminant, discriminant, signature
 from aprjax.evaluation.view import view
 from aprjax.features import FeatureConfig
 from aprjax.numerics import bucket, single_precision
@@ -21,13 +20,6 @@ from aprjax.scan import Scan
 BLOCK = 8192
 """References of a block: they are compared with a query at once."""
 _CHUNK = 64  # scans whose signatures are taken at a time, which bounds the memory
-
-
-class CatalogueConfig(eqx.Module):
-    """How references are told apart, and how they are described when they are needed."""
-
-    signature: SignatureConfig = SignatureConfig()
-    features: FeatureConfig = FeatureConfig()
 
 
 @dataclass(frozen=True)
@@ -47,19 +39,20 @@ class Block:
 class Catalogue:
     """Reference scans with ids 0, 1, … and a signature each. Immutable; `add` gives another one.
 
-    Memory: four bytes for each beam (in buckets) and each entry of a signature, about 2.7 kB for a
+    Memory: four bytes for each beam (in buckets) and each entry of a signature, 1.3 kB for a
     reference of 181 beams.
     """
 
     slots: int
     """Beams that every scan is padded to."""
-    config: CatalogueConfig
+    config: FeatureConfig
+    """How they are described when they are needed."""
     blocks: tuple[Block, ...] = ()
     """All but the last one are full."""
 
     @classmethod
     def build(
-        cls, scans: Sequence[Scan] | Scan, config: CatalogueConfig | None = None, *, beams: int = 0
+        cls, scans: Sequence[Scan] | Scan, config: FeatureConfig | None = None, *, beams: int = 0
     ) -> Self:
         """The catalogue of these scans, to which scans of so many `beams` can be added.
 
@@ -67,7 +60,7 @@ class Catalogue:
         """
         stacked = as_stack(scans)
         slots = bucket(max(stacked.ranges.shape[-1], beams), smallest=64)
-        return cls(slots, config or CatalogueConfig()).add(stacked)
+        return cls(slots, config or FeatureConfig()).add(stacked)
 
     def __len__(self) -> int:
         return sum(map(len, self.blocks))
@@ -108,18 +101,20 @@ class Catalogue:
         padded = scans.pad_batch(-(-count // size) * size)
         with single_precision():
             chunks = [
-                _signatures(rows_of(padded, slice(start, start + size)), self.config)
+                _signatures(
+                    rows_of(padded, slice(start, start + size)), self.config, discriminant()
+                )
                 for start in range(0, count, size)
             ]
         return np.concatenate([np.asarray(chunk) for chunk in chunks])[:count]
 
     def scans(self, ids: np.ndarray) -> Scan:
         """Copies of the scans of these ids `(any,)`, stacked."""
-        parts = [rows_of(block.scans, slice(0, 0)) for block in self.blocks[:1]]
         order = np.argsort(ids, kind="stable")
         block, row = np.divmod(ids[order], BLOCK)
-        for number in np.unique(block):
-            parts.append(rows_of(self.blocks[number].scans, row[block == number]))
+        parts = [
+            rows_of(self.blocks[number].scans, row[block == number]) for number in np.unique(block)
+        ]
         found = jax.tree.map(lambda *arrays: np.concatenate(arrays), *parts)
         back = np.empty_like(order)
         back[order] = np.arange(len(order))
@@ -134,10 +129,12 @@ def _block(scans: Scan, signatures: np.ndarray, rows: slice) -> Block:
 
 
 @jax.jit
-def _signatures(scans: Scan, config: CatalogueConfig) -> Float[Array, "scans size"]:
+def _signatures(
+    scans: Scan, config: FeatureConfig, discriminant: Discriminant
+) -> Float[Array, "scans size"]:
     def one(scan: Scan) -> Float[Array, " size"]:
-        segments = segment(scan, config.features.extraction.segment)
-        course = surface(segments, config.features.extraction.surface)
-        return signature(view(scan, segments, course, config.features.view), config.signature)
+        segments = segment(scan, config.extraction.segment)
+        course = surface(segments, config.extraction.surface)
+        return signature(view(scan, segments, course, config.view), discriminant)
 
     return jax.vmap(one)(scans)

@@ -24,6 +24,7 @@ from aprjax.scan import Scan
 
 LIKELY = 64
 """References that are described and matched, by default."""
+_NONE = np.float32(-2.0)  # less than any likeness
 _AT_ONCE = 256  # queries whose signatures are compared at a time, which bounds the memory
 
 
@@ -40,7 +41,7 @@ def most_alike(
     slots = bucket(len(signatures), smallest=1)
     padding = [(0, slots - len(signatures)), (0, 0)]
     signatures, excluded = np.pad(signatures, padding), np.pad(excluded, padding)
-    likeness = np.full((slots, count), -1.0, np.float32)
+    likeness = np.full((slots, count), _NONE, np.float32)
     best = np.full((slots, count), -1, np.int32)
     with single_precision():
         for number, block in enumerate(catalogue.blocks):
@@ -49,7 +50,7 @@ def most_alike(
                 signatures, excluded, block.signatures, first, size, likeness, best
             )
     found = np.asarray(best)[: batch.ranges.shape[0]]
-    return np.where(np.asarray(likeness)[: len(found)] >= 0, found, -1)
+    return np.where(np.asarray(likeness)[: len(found)] > _NONE, found, -1)
 
 
 @jax.jit
@@ -66,7 +67,7 @@ def _more_alike(
     product = jnp.matmul(queries, block.T, precision=HIGHEST)
     ids = first + jnp.arange(block.shape[0], dtype=jnp.int32)
     banned = jnp.any(ids[None, :, None] == excluded[:, None, :], axis=2)
-    product = jnp.where((ids < first + count)[None, :] & ~banned, product, -1.0)
+    product = jnp.where((ids < first + count)[None, :] & ~banned, product, _NONE)
     together = jnp.concatenate([likeness, product], axis=1)
     known = jnp.concatenate([best, jnp.broadcast_to(ids, product.shape)], axis=1)
     top, index = jax.lax.top_k(together, best.shape[1])
@@ -109,7 +110,7 @@ def match_catalogue(
             result = _program()(
                 here.pad_batch(chunk),
                 *(_padded(tree, missing) for tree in (excluded[rows], known, ids)),
-                catalogue.config.features,
+                catalogue.config,
                 thresholds,
                 rules,
                 together=not on_cpu,

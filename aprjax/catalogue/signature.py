@@ -4,71 +4,95 @@ Each pair of points on surfaces with a normal has a distance, an angle between t
 angles of either normal with the line between the points: surflet pairs (Wahl, Hillenbrand and
 Hirzinger, 3DIM 2003), of which a histogram depends neither on where nor on how the scanner stands,
 but for what it sees. Not in the paper, whose q_m compares lengths of edges between anchors only.
+
+Bins are not equally telling. A linear discriminant (Fisher, Annals of Eugenics 7, 1936) keeps what
+tells places apart and drops what changes between scans of one place; `experiments/signature.py`
+made it, once and for all, from simulated floors.
 """
 
-import equinox as eqx
+from functools import cache
+from importlib import resources
+from typing import NamedTuple
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from aprjax.configuration import capacity, threshold
 from aprjax.evaluation.view import View
 
+REACH = 10.0
+"""Metres between points, beyond which no pair counts."""
+POINTS = 48
+"""Points, evenly spread along the surfaces."""
+DISTANCES, TURNS, SLANTS = 16, 3, 5
+"""Bins of the distance, of the cosine between the normals, of that of a normal and the line.
 
-class SignatureConfig(eqx.Module):
-    """Which pairs count, and how finely they are told apart."""
-
-    reach: Float[Array, ""] = threshold(10.0, "metres between points, beyond which no pair counts")
-    longest: Float[Array, ""] = threshold(0.5, "metres of surface that one beam can stand for")
-    points: int = capacity(48, "points, evenly spread along the surfaces")
-    distances: int = capacity(16, "bins of the distance")
-    turns: int = capacity(3, "bins of the cosine between the normals")
-    slants: int = capacity(4, "bins of the cosine between a normal and the line")
-
-    @property
-    def size(self) -> int:
-        """Entries of a signature."""
-        return self.distances * self.turns * (self.slants * (self.slants + 1) // 2)
+Odd numbers: right angles, and points on one wall, are in the middle of a bin.
+"""
+BINS = DISTANCES * TURNS * (SLANTS * (SLANTS + 1) // 2)
+_LONGEST = 0.5  # metres of surface that one beam can stand for
 
 
-def signature(view: View, config: SignatureConfig) -> Float[Array, " size"]:
-    """Square roots of the shares of pairs in each bin: the product of two is their likeness.
+class Discriminant(NamedTuple):
+    """A linear map of histograms, which keeps what tells places apart."""
 
-    It is in [0, 1], 1 for equal shares (the Bhattacharyya coefficient). Zero throughout for a
-    scan without surfaces.
+    mean: Float[np.ndarray, " bins"]
+    axes: Float[np.ndarray, "bins size"]
+
+
+@cache
+def discriminant() -> Discriminant:
+    """The one that comes with the package."""
+    with resources.files("aprjax.catalogue").joinpath("discriminant.npz").open("rb") as file:
+        stored = np.load(file)
+        return Discriminant(*(stored[name].astype(np.float32) for name in Discriminant._fields))
+
+
+def signature(view: View, discriminant: Discriminant) -> Float[Array, " size"]:
+    """A vector of length one: the product of two, in [-1, 1], is the likeness of their places.
+
+    Zero throughout for a scan without surfaces.
     """
-    xy, normal, real = _spread(view, config)
-    a, b = np.triu_indices(config.points, k=1)
+    pairs = pair_histogram(view)
+    kept = jnp.sum((pairs - discriminant.mean)[:, None] * discriminant.axes, axis=0)
+    length = jnp.sqrt(jnp.sum(kept * kept))
+    return jnp.where(jnp.any(pairs > 0), kept / jnp.maximum(length, 1e-9), 0.0)
+
+
+def pair_histogram(view: View) -> Float[Array, " bins"]:
+    """Square roots of the shares of pairs in each bin."""
+    xy, normal, real = _spread(view)
+    a, b = np.triu_indices(POINTS, k=1)
     line = xy[b] - xy[a]
     distance = jnp.sqrt(jnp.sum(line * line, axis=1))
     along = line / jnp.maximum(distance, 1e-6)[:, None]
-    slant_a = _bin(jnp.sum(normal[a] * along, axis=1), config.slants)
-    slant_b = _bin(-jnp.sum(normal[b] * along, axis=1), config.slants)
-    turn = _bin(jnp.sum(normal[a] * normal[b], axis=1), config.turns)
+    slant_a = _bin(jnp.sum(normal[a] * along, axis=1), SLANTS)
+    slant_b = _bin(-jnp.sum(normal[b] * along, axis=1), SLANTS)
+    turn = _bin(jnp.sum(normal[a] * normal[b], axis=1), TURNS)
     # A pair has no first point.
     low, high = jnp.minimum(slant_a, slant_b), jnp.maximum(slant_a, slant_b)
     slants = high * (high + 1) // 2 + low
-    far = jnp.floor(distance * (config.distances / config.reach)).astype(jnp.int32)
-    number = (far * config.turns + turn) * (config.slants * (config.slants + 1) // 2) + slants
-    number = jnp.where(real & (far < config.distances), number, config.size)
-    pairs = jnp.zeros(config.size).at[number].add(1.0, mode="drop")
+    far = jnp.floor(distance * (DISTANCES / REACH)).astype(jnp.int32)
+    number = (far * TURNS + turn) * (SLANTS * (SLANTS + 1) // 2) + slants
+    number = jnp.where(real & (far < DISTANCES), number, BINS)
+    pairs = jnp.zeros(BINS).at[number].add(1.0, mode="drop")
     return jnp.sqrt(pairs / jnp.maximum(jnp.sum(pairs), 1.0))
 
 
 def _spread(
-    view: View, config: SignatureConfig
+    view: View,
 ) -> tuple[Float[Array, "points 2"], Float[Array, "points 2"], Bool[Array, ""]]:
     """Points evenly spread along the surfaces, their normals, and whether there are any."""
     step = view.xy[1:] - view.xy[:-1]
     gap = jnp.where(view.linked[:-1], jnp.sqrt(jnp.sum(step * step, axis=1)), 0.0)
     length = 0.5 * (jnp.pad(gap, (0, 1)) + jnp.pad(gap, (1, 0)))
     smooth = view.hit & jnp.any(view.normal != 0, axis=1)
-    upto = jnp.cumsum(jnp.where(smooth, jnp.minimum(length, config.longest), 0.0))
-    place = (jnp.arange(config.points) + np.float32(0.5)) / config.points * upto[-1]
+    upto = jnp.cumsum(jnp.where(smooth, jnp.minimum(length, _LONGEST), 0.0))
+    place = ((np.arange(POINTS) + 0.5) / POINTS).astype(np.float32) * upto[-1]
     entry = jnp.minimum(jnp.searchsorted(upto, place), len(upto) - 1)
     return view.xy[entry], view.normal[entry], upto[-1] > 0
 
 
 def _bin(cosine: Float[Array, " pairs"], bins: int) -> Int[Array, " pairs"]:
     """Equal parts of [-1, 1]."""
-    return jnp.clip(jnp.floor((cosine + 1) * (bins / 2)).astype(jnp.int32), 0, bins - 1)
+    return jnp.clip(jnp.floor((cosine + 1.0) * (bins / 2)).astype(jnp.int32), 0, bins - 1)

@@ -85,3 +85,10 @@ def test_padding_of_the_anchors_filled_with_nan_changes_nothing(graphs, table):
         jax.tree.leaves(table), jax.tree.leaves(EdgeTable.build(other)), strict=True
     ):
         np.testing.assert_array_equal(ours, theirs)
+
+
+def test_the_traced_table_is_the_one_of_the_host(graphs):
+    one, other = EdgeTable.build(graphs), jax.jit(EdgeTable.of)(graphs)
+    np.testing.assert_array_equal(one.length, other.length)
+    np.testing.assert_array_equal(one.row, other.row)
+    np.testing.assert_allclose(one.geometry, other.geometry, atol=1e-6)
