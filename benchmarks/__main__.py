@@ -8,7 +8,8 @@ jitted JAX, and a machine that takes 10 ms for each has slowness 1. Workloads wh
 missing are skipped with the reason.
 
 `python -m benchmarks stages` prints the time of each stage of the matcher instead, with the
-arithmetic and the bytes that the compiler counts.
+arithmetic and the bytes that the compiler counts; `python -m benchmarks devices` how the time
+depends on the number of devices that references are spread over.
 """
 
 import argparse
@@ -19,7 +20,7 @@ from pathlib import Path
 
 import jax
 
-from benchmarks import stages
+from benchmarks import devices, stages
 from benchmarks.gate import Baseline, BaselineError, complaints, read_baseline, write_baseline
 from benchmarks.machine import machine_name, probe
 from benchmarks.report import draw, rows, text
@@ -39,8 +40,9 @@ def main(arguments: list[str] | None = None) -> int:
             text([{"workload": w.name, "unit": w.unit, "what": w.what} for w in WORKLOADS]), end=""
         )
         return 0
-    if chosen.names == ["stages"]:
-        return stages.run(chosen.quick, chosen.out)
+    for name, table in (("stages", stages), ("devices", devices)):
+        if chosen.names == [name]:
+            return table.run(chosen.quick, chosen.out)
     selected = [w for w in WORKLOADS if any(fnmatch.fnmatch(w.name, n) for n in chosen.names)]
     for name in chosen.names:
         if not fnmatch.filter([w.name for w in WORKLOADS], name):
@@ -112,7 +114,9 @@ def _parser() -> argparse.ArgumentParser:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("names", nargs="*", default=["*"], metavar="NAME", help="or `stages`")
+    parser.add_argument(
+        "names", nargs="*", default=["*"], metavar="NAME", help="or one of `stages` and `devices`"
+    )
     parser.add_argument("--list", action="store_true", help="name the workloads and measure none")
     parser.add_argument("--quick", action="store_true", help="fewer repeats of the same work")
     parser.add_argument("--out", type=Path, metavar="DIR", help="write table and plot there")

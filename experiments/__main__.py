@@ -55,6 +55,10 @@ EXPERIMENTS = {
     ),
     "real_logs": Experiment("the same on real logs", _file("real_logs")),
     "preselection": Experiment("which references come first (2.B)", _file("preselection")),
+    "million": Experiment(
+        "the same for up to a million references, and what a query costs",
+        ("-m", "experiments.million"),
+    ),
     "ablations": Experiment("what each part is worth", _file("ablations")),
     "scaling": Experiment("time over references, anchors and beams", ("-m", "experiments.scaling")),
     "all_against_all": Experiment(
