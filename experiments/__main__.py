@@ -55,6 +55,10 @@ EXPERIMENTS = {
     ),
     "real_logs": Experiment("the same on real logs", _file("real_logs")),
     "preselection": Experiment("which references come first (2.B)", _file("preselection")),
+    "signature": Experiment(
+        "what tells places apart, for the signatures of a catalogue",
+        ("-m", "experiments.signature"),
+    ),
     "million": Experiment(
         "the same for up to a million references, and what a query costs",
         ("-m", "experiments.million"),

@@ -1,13 +1,13 @@
 """The discriminant of the catalogue's signatures, from simulated floors.
 
-    python -m experiments.signature --out FILE [--floors N]
+    python -m experiments signature --out DIR [--quick]
 
 Floors as `experiments/million.py` makes them, but others. Histograms of surflet pairs of scans of
 one place, taken within 2 m and 40° of each other, some of them after furniture was moved, differ
 by what a signature should not depend on; those of all scans by what it may. The axes are those
 along which all differ most, measured by how one place's do (Fisher's linear discriminant). Those
-of one place are regularised by a hundredth of their greatest variance. Writes `mean` and `axes`;
-`aprjax/catalogue/discriminant.npz` is what the defaults give.
+of one place are regularised by a hundredth of their greatest variance. Writes `mean` and `axes` into
+DIR/discriminant.npz, of 300 floors, with --quick of 3; that of `aprjax/catalogue` was made so.
 """
 
 import argparse
@@ -27,6 +27,7 @@ from aprjax.metrics import relative
 from experiments.million import AT_ONCE, EACH, NEAR_ANGLE, NEAR_DISTANCE, floors
 
 SEED = 10_000_000  # the first floor's number; those measured begin with 0
+FLOORS = 300
 SIZE = 128  # axes
 REGULAR = 0.01
 
@@ -76,16 +77,17 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--out", type=Path, required=True, metavar="FILE")
-    parser.add_argument("--floors", type=int, default=300, metavar="N")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--quick", action="store_true", help="3 floors")
     arguments = parser.parse_args()
-    parts = []
-    for start in range(0, arguments.floors, AT_ONCE):
-        end = min(start + AT_ONCE, arguments.floors)
+    count, parts = 3 if arguments.quick else FLOORS, []
+    for start in range(0, count, AT_ONCE):
+        end = min(start + AT_ONCE, count)
         parts.append(scattered(range(SEED + start, SEED + end)))
-        print(f"{end} of {arguments.floors} floors", file=sys.stderr, flush=True)
+        print(f"{end} of {count} floors", file=sys.stderr, flush=True)
+    arguments.out.mkdir(parents=True, exist_ok=True)
     mean, axes = discriminant(*(np.concatenate(each) for each in zip(*parts, strict=True)))
-    with atomic_write(arguments.out, "wb") as file:
+    with atomic_write(arguments.out / "discriminant.npz", "wb") as file:
         np.savez_compressed(file, mean=mean.astype(np.float16), axes=axes.astype(np.float16))
     return 0
 
