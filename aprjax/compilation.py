@@ -34,8 +34,8 @@ measures all this on the machine at hand, and `python -m benchmarks stages` says
 goes.
 
 A `ReferenceSet` takes some 25 kB a reference; while a query votes, 12 kB a reference more on each
-core, and `chunk` queries at a time bound all else. `aprjax.sharding` spreads references over devices,
-`aprjax.catalogue` keeps a million of them in little memory.
+core, and `chunk` queries at a time bound all else. `aprjax.sharding` spreads references over
+devices, `aprjax.catalogue` keeps a million of them in little memory.
 
 Results lie on the host, as NumPy arrays. Importing aprjax compiles nothing and touches no device.
 """

@@ -6,8 +6,8 @@ Floors as `experiments/million.py` makes them, but others. Histograms of surflet
 one place, taken within 2 m and 40° of each other, some of them after furniture was moved, differ
 by what a signature should not depend on; those of all scans by what it may. The axes are those
 along which all differ most, measured by how one place's do (Fisher's linear discriminant). Those
-of one place are regularised by a hundredth of their greatest variance. Writes `mean` and `axes` into
-DIR/discriminant.npz, of 300 floors, with --quick of 3; that of `aprjax/catalogue` was made so.
+of one place are regularised by a hundredth of their greatest variance. Writes `mean` and `axes` of
+300 floors, with --quick of 3, into DIR/discriminant.npz; that of `aprjax/catalogue` was made so.
 """
 
 import argparse
