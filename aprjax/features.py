@@ -34,18 +34,24 @@ class Features(eqx.Module):
     sketch: Sketch
 
 
+def seen(scan: Scan, config: FeatureConfig) -> View:
+    """The surfaces of one scan, all that is needed where no anchors are."""
+    segments = segment(scan, config.extraction.segment)
+    return view(scan, segments, surface(segments, config.extraction.surface), config.view)
+
+
 def describe(scan: Scan, config: FeatureConfig) -> Features:
     """The features of one scan. Any scan has some; a bad one has no anchors."""
     segments = segment(scan, config.extraction.segment)
     course = surface(segments, config.extraction.surface)
     anchors = choose_anchors(segments, course, config.extraction)
     graph = anchor_graph(anchors)
-    seen = view(scan, segments, course, config.view)
+    surfaces = view(scan, segments, course, config.view)
     return Features(
         anchors=anchors,
         graph=graph,
         histogram=edge_histogram(graph, config.relation),
-        view=seen,
-        raster=raster(seen, config.raster),
-        sketch=sketch(seen, config.sketch),
+        view=surfaces,
+        raster=raster(surfaces, config.raster),
+        sketch=sketch(surfaces, config.sketch),
     )

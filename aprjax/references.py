@@ -156,7 +156,7 @@ class ReferenceSet:
         `T_world_ref` as in `build`, for the added scans.
         """
         slots = self.scans.ranges.shape[-1]
-        new = scans if isinstance(scans, Scan) else Scan.stack(scans)
+        new = as_stack(scans)
         count = new.ranges.shape[0]
         slots = max(slots, new.ranges.shape[-1])
         if slots > self.scans.ranges.shape[-1]:
@@ -176,7 +176,7 @@ class ReferenceSet:
 
         Raises `ValueError` naming an id that is not in the set.
         """
-        keep = others(self.ids, ids)
+        keep = remaining(self.ids, ids)
         return self._of(
             rows_of(self.scans, keep),
             self.ids[keep],
@@ -215,15 +215,17 @@ def as_stack(scans: Sequence[Scan] | Scan) -> Scan:
         raise ValueError(
             f"scans: ranges of shape {np.shape(stacked.ranges)} are not (references, beams)"
         )
+    if np.shape(stacked.ranges)[0] == 0:
+        raise ValueError("scans: there are none")
     return stacked
 
 
-def others(ids: np.ndarray, gone: Iterable[int]) -> np.ndarray:
+def remaining(ids: np.ndarray, gone: Iterable[int]) -> np.ndarray:
     """Which of `ids` are not `gone` `(references,)`; raises `ValueError` for one not there."""
     leaving = np.asarray(list(gone), np.int64)
-    for position, value in enumerate(leaving):
-        if value not in ids:
-            raise ValueError(f"ids[{position}]: no reference has id {value}")
+    wrong = np.flatnonzero(~np.isin(leaving, ids))
+    if wrong.size:
+        raise ValueError(f"ids[{wrong[0]}]: no reference has id {leaving[wrong[0]]}")
     return ~np.isin(ids, leaving)
 
 
@@ -266,7 +268,10 @@ def index_of(
     config: FeatureConfig,
     rows: int | None = None,
 ) -> ReferenceIndex:
-    """The index of unpadded features, on the host, with so many rows or those of its bucket."""
+    """The index of unpadded features, on the host, with so many rows or those of its bucket.
+
+    `T_world_ref` are poses around the origin (see `middle`).
+    """
     rows = bucket(max(len(ids), 1)) if rows is None else rows
 
     def pad(array: np.ndarray, fill: int = 0) -> Any:

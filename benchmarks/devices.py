@@ -35,8 +35,10 @@ def run(quick: bool, out: Path | None) -> int:
             measured = _in_a_process(devices, references)
             if "skipped" in measured:
                 print(measured["skipped"], file=sys.stderr)
-                return 1
+                continue
             table.append({"scaling": kind, "devices": devices, "references": references} | measured)
+    if not table:
+        return 1
     print(text(table), end="")
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)

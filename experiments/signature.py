@@ -18,10 +18,8 @@ import jax
 import numpy as np
 
 import aprjax
-from aprjax.anchors.segment import segment
-from aprjax.anchors.surface import surface
 from aprjax.catalogue.signature import pair_histogram
-from aprjax.evaluation.view import view
+from aprjax.features import seen
 from aprjax.io.atomic import atomic_write
 from aprjax.metrics import relative
 from experiments.million import AT_ONCE, EACH, NEAR_ANGLE, NEAR_DISTANCE, floors
@@ -34,12 +32,7 @@ REGULAR = 0.01
 
 @jax.jit
 def _histograms(scans: aprjax.Scan, config: aprjax.FeatureConfig) -> jax.Array:
-    def one(scan: aprjax.Scan) -> jax.Array:
-        segments = segment(scan, config.extraction.segment)
-        course = surface(segments, config.extraction.surface)
-        return pair_histogram(view(scan, segments, course, config.view))
-
-    return jax.lax.map(one, scans, batch_size=50)
+    return jax.lax.map(lambda scan: pair_histogram(seen(scan, config)), scans, batch_size=50)
 
 
 def scattered(numbers: range) -> tuple[np.ndarray, np.ndarray]:

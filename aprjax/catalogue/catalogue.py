@@ -8,11 +8,8 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from aprjax.anchors.segment import segment
-from aprjax.anchors.surface import surface
 from aprjax.catalogue.signature import Discriminant, discriminant, signature
-from aprjax.evaluation.view import view
-from aprjax.features import FeatureConfig
+from aprjax.features import FeatureConfig, seen
 from aprjax.numerics import bucket, single_precision
 from aprjax.references import as_stack, joined, rows_of
 from aprjax.scan import Scan
@@ -22,7 +19,7 @@ BLOCK = 8192
 _CHUNK = 64  # scans whose signatures are taken at a time, which bounds the memory
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Block:
     """So many references, or fewer in the last one."""
 
@@ -35,7 +32,7 @@ class Block:
         return self.scans.ranges.shape[0]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Catalogue:
     """Reference scans with ids 0, 1, … and a signature each. Immutable; `add` gives another one.
 
@@ -109,12 +106,15 @@ class Catalogue:
         return np.concatenate([np.asarray(chunk) for chunk in chunks])[:count]
 
     def scans(self, ids: np.ndarray) -> Scan:
-        """Copies of the scans of these ids `(any,)`, stacked."""
+        """Copies of the scans of these ids `(any,)`, stacked; raises `ValueError` for no id."""
+        ids = np.asarray(ids, np.int64)
+        wrong = np.flatnonzero((ids < 0) | (ids >= len(self)))
+        if wrong.size:
+            raise ValueError(f"ids[{wrong[0]}]: no reference has id {ids[wrong[0]]}")
         order = np.argsort(ids, kind="stable")
         block, row = np.divmod(ids[order], BLOCK)
-        parts = [
-            rows_of(self.blocks[number].scans, row[block == number]) for number in np.unique(block)
-        ]
+        numbers = np.unique(block) if ids.size else [0]
+        parts = [rows_of(self.blocks[k].scans, row[block == k]) for k in numbers]
         found = jax.tree.map(lambda *arrays: np.concatenate(arrays), *parts)
         back = np.empty_like(order)
         back[order] = np.arange(len(order))
@@ -132,9 +132,4 @@ def _block(scans: Scan, signatures: np.ndarray, rows: slice) -> Block:
 def _signatures(
     scans: Scan, config: FeatureConfig, discriminant: Discriminant
 ) -> Float[Array, "scans size"]:
-    def one(scan: Scan) -> Float[Array, " size"]:
-        segments = segment(scan, config.extraction.segment)
-        course = surface(segments, config.extraction.surface)
-        return signature(view(scan, segments, course, config.view), discriminant)
-
-    return jax.vmap(one)(scans)
+    return jax.vmap(lambda scan: signature(seen(scan, config), discriminant))(scans)

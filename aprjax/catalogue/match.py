@@ -25,6 +25,7 @@ from aprjax.scan import Scan
 LIKELY = 64
 """References that are described and matched, by default."""
 _NONE = np.float32(-2.0)  # less than any likeness
+_CHUNK = 8  # queries whose references are described at a time, which bounds the memory
 _AT_ONCE = 256  # queries whose signatures are compared at a time, which bounds the memory
 
 
@@ -40,7 +41,7 @@ def most_alike(
     signatures = catalogue.signatures(batch.pad(max(catalogue.slots, batch.ranges.shape[-1])))
     slots = bucket(len(signatures), smallest=1)
     padding = [(0, slots - len(signatures)), (0, 0)]
-    signatures, excluded = np.pad(signatures, padding), np.pad(excluded, padding)
+    signatures, excluded = jax.device_put((np.pad(signatures, padding), np.pad(excluded, padding)))
     likeness = np.full((slots, count), _NONE, np.float32)
     best = np.full((slots, count), -1, np.int32)
     with single_precision():
@@ -66,12 +67,14 @@ def _more_alike(
     """The best after those of another block, which begins with the reference `first`."""
     product = jnp.matmul(queries, block.T, precision=HIGHEST)
     ids = first + jnp.arange(block.shape[0], dtype=jnp.int32)
-    banned = jnp.any(ids[None, :, None] == excluded[:, None, :], axis=2)
-    product = jnp.where((ids < first + count)[None, :] & ~banned, product, _NONE)
-    together = jnp.concatenate([likeness, product], axis=1)
-    known = jnp.concatenate([best, jnp.broadcast_to(ids, product.shape)], axis=1)
-    top, index = jax.lax.top_k(together, best.shape[1])
-    return top, jnp.take_along_axis(known, index, axis=1)
+    product = jnp.where((ids < first + count)[None, :], product, _NONE)
+    at = jnp.where(excluded >= first, excluded - first, block.shape[0])
+    product = product.at[jnp.arange(at.shape[0])[:, None], at].set(_NONE, mode="drop")
+    here, index = jax.lax.top_k(product, min(best.shape[1], block.shape[0]))
+    likeness = jnp.concatenate([likeness, here], axis=1)
+    best_ids = jnp.concatenate([best, first + index], axis=1)
+    likeness, index = jax.lax.top_k(likeness, best.shape[1])
+    return likeness, jnp.take_along_axis(best_ids, index, axis=1)
 
 
 def match_catalogue(
@@ -95,19 +98,28 @@ def match_catalogue(
         raise ValueError(f"likely: {likely} is not a positive number")
     batch, excluded = checked_queries(scans, exclude)
     queries = len(excluded)
-    chunk = min(config.chunk, 1 << (queries - 1).bit_length())
+    chunk = min(config.chunk, _CHUNK, 1 << (queries - 1).bit_length())
+    likely = min(likely, bucket(len(catalogue)))
     thresholds, rules = packed(config)
     on_cpu = jax.default_backend() == "cpu"
+    alike = np.concatenate(
+        [
+            most_alike(rows_of(batch, rows), catalogue, likely, exclude=excluded[rows])
+            for rows in (slice(start, start + _AT_ONCE) for start in range(0, queries, _AT_ONCE))
+        ]
+    )
+    # Ties go to the lowest id; none comes last.
+    alike = np.sort(alike.astype(np.uint32), axis=1).astype(np.int32)
 
     def work(start: int) -> MatchResult:
         rows = slice(start, min(start + chunk, queries))
         here, missing = rows_of(batch, rows), chunk - (rows.stop - rows.start)
-        ids = np.sort(alike[rows], axis=1)
+        ids = alike[rows]
         known = catalogue.scans(np.maximum(ids, 0).reshape(-1))
         known = jax.tree.map(lambda array: array.reshape(*ids.shape, *array.shape[1:]), known)
         # A setting of the thread, of which each has its own.
         with single_precision():
-            result = _program()(
+            return _program()(
                 here.pad_batch(chunk),
                 *(_padded(tree, missing) for tree in (excluded[rows], known, ids)),
                 catalogue.config,
@@ -115,20 +127,13 @@ def match_catalogue(
                 rules,
                 together=not on_cpu,
             )
-        return jax.tree.map(lambda array: array[: chunk - missing], jax.device_get(result))
 
-    alike = np.concatenate(
-        [
-            most_alike(rows_of(batch, rows), catalogue, likely, exclude=excluded[rows])
-            for rows in (slice(start, start + _AT_ONCE) for start in range(0, queries, _AT_ONCE))
-        ]
-    )
     # The first one compiles for all.
     starts = range(0, queries, chunk)
     results = [work(starts[0])]
     with ThreadPoolExecutor((os.cpu_count() or 1) if on_cpu else 1) as pool:
-        results += pool.map(work, starts[1:])
-    return jax.tree.map(lambda *parts: np.concatenate(parts), *results)
+        results += pool.map(lambda start: jax.device_get(work(start)), starts[1:])
+    return jax.tree.map(lambda *parts: np.concatenate(parts)[:queries], *jax.device_get(results))
 
 
 def _padded(tree: Any, missing: int) -> Any:

@@ -17,7 +17,7 @@ from aprjax.batch import checked_queries, compiler_options, packed
 from aprjax.features import Features, describe
 from aprjax.matcher import Counts, MatchConfig, MatchResult, answer, evaluate, preselected, rank
 from aprjax.numerics import single_precision
-from aprjax.references import ReferenceIndex
+from aprjax.references import ReferenceIndex, rows_of
 from aprjax.relations.histograms import preselection_quality
 from aprjax.scan import Scan
 from aprjax.sharding.references import ShardedReferences
@@ -50,22 +50,21 @@ def match_sharded(
     thresholds, rules = packed(config)
 
     def work(start: int) -> MatchResult:
-        here = jax.tree.map(lambda array: np.asarray(array)[start : start + chunk], batch)
-        ids = excluded[start : start + chunk]
-        result = _program()(
-            here.pad_batch(chunk),
-            np.pad(ids, [(0, chunk - len(ids)), (0, 0)]),
+        rows = slice(start, start + chunk)
+        ids = excluded[rows]
+        return _program()(
+            rows_of(batch, rows).pad_batch(chunk),
+            np.pad(ids, [(0, chunk - len(ids)), (0, 0)], constant_values=-1),
             references.index,
             thresholds,
             rules,
             references.mesh,
-            together=jax.default_backend() != "cpu",
+            together=references.mesh.devices.flat[0].platform != "cpu",
         )
-        return jax.tree.map(lambda array: array[: len(ids)], jax.device_get(result))
 
     with single_precision():
-        results = [work(start) for start in range(0, queries, chunk)]
-    return jax.tree.map(lambda *parts: np.concatenate(parts), *results)
+        results = jax.device_get([work(start) for start in range(0, queries, chunk)])
+    return jax.tree.map(lambda *parts: np.concatenate(parts)[:queries], *results)
 
 
 @cache
@@ -256,9 +255,17 @@ class _Device:
             return jax.tree.map(shared, _masked(tree, mine))
 
         known = self.references
+        features = known.features
+        # All that is compared from here on are views and graphs.
+        others = features.anchors, features.histogram, features.raster, features.sketch
+        features = eqx.tree_at(
+            lambda f: (f.anchors, f.histogram, f.raster, f.sketch),
+            features,
+            jax.tree.map(lambda array: array[:, :0] if array.ndim > 1 else array, others),
+        )
         share = row.shape[0] // self.devices
         features, ids, placement = fetch(
-            jax.tree.map(lambda array: array[own], (known.features, known.ids, known.placement))
+            jax.tree.map(lambda array: array[own], (features, known.ids, known.placement))
         )
         edges, config = jax.tree.map(
             lambda array: jnp.broadcast_to(array, (share, *array.shape)),

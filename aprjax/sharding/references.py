@@ -19,7 +19,7 @@ from aprjax.references import (
     index_of,
     joined,
     middle,
-    others,
+    remaining,
     rows_of,
 )
 from aprjax.scan import Scan
@@ -94,6 +94,8 @@ class ShardedReferences:
 
         process = jax.process_index()
         mine = [k for k, device in enumerate(mesh.devices.flat) if device.process_index == process]
+        if not mine or mine != list(range(mine[0], mine[-1] + 1)):
+            raise ValueError(f"mesh: the devices of process {process} are not neighbours in it")
 
         def placed(*shards: np.ndarray) -> Array:
             """One leaf of the index, of which these are the parts in this process."""
@@ -126,7 +128,7 @@ class ShardedReferences:
         Raises `ValueError` naming an id that is not in the set, and if fewer references than
         devices would be left.
         """
-        left = others(self.ids, ids)
+        left = remaining(self.ids, ids)
         return self._spread(
             rows_of(self.scans, left),
             self.ids[left],

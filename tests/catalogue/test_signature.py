@@ -4,26 +4,16 @@ import jax
 import numpy as np
 import pytest
 
-from aprjax.anchors.segment import segment
-from aprjax.anchors.surface import surface
 from aprjax.catalogue.signature import BINS, discriminant, pair_histogram, signature
-from aprjax.evaluation.view import view
-from aprjax.features import FeatureConfig
+from aprjax.features import FeatureConfig, seen
 from aprjax.scan import Scan
 from tests.oracles import signature as oracle
 from tests.worlds import free_pose, office, scan_at
 
 
 @jax.jit
-def seen(scan):
-    """Views of stacked scans."""
-    config = FeatureConfig()
-
-    def one(scan):
-        segments = segment(scan, config.extraction.segment)
-        return view(scan, segments, surface(segments, config.extraction.surface), config.view)
-
-    return jax.vmap(one)(scan)
+def views_of(scans):
+    return jax.vmap(seen, (0, None))(scans, FeatureConfig())
 
 
 histograms = jax.jit(jax.vmap(pair_histogram))
@@ -39,7 +29,7 @@ def scans():
 
 
 def test_the_histogram_is_that_of_a_loop_over_all_pairs(scans):
-    views = jax.device_get(seen(scans))
+    views = jax.device_get(views_of(scans))
     found = np.asarray(histograms(views))
     for row in range(len(found)):
         expected = oracle.pair_histogram(jax.tree.map(lambda a: a[row], views))  # noqa: B023
@@ -48,19 +38,19 @@ def test_the_histogram_is_that_of_a_loop_over_all_pairs(scans):
 
 
 def test_places_are_more_alike_to_themselves_from_nearby_than_to_others(scans):
-    found = np.asarray(signatures(seen(scans), discriminant()))
+    found = np.asarray(signatures(views_of(scans), discriminant()))
     np.testing.assert_allclose(np.sum(found**2, axis=1), 1.0, atol=1e-5)
     likeness = found[6:] @ found[:6].T
     assert np.argmax(likeness, axis=1).tolist() == list(range(6))
 
 
 def test_padding_changes_nothing(scans):
-    wider = np.asarray(histograms(seen(scans.pad(256))))
-    np.testing.assert_allclose(wider, np.asarray(histograms(seen(scans))), atol=1e-6)
+    wider = np.asarray(histograms(views_of(scans.pad(256))))
+    np.testing.assert_allclose(wider, np.asarray(histograms(views_of(scans))), atol=1e-6)
 
 
 def test_the_frame_of_the_scanner_plays_no_part(scans):
-    views = jax.device_get(seen(scans))
+    views = jax.device_get(views_of(scans))
     cos, sin = np.cos(2.0), np.sin(2.0)
     turn = np.array([[cos, sin], [-sin, cos]], np.float32)
     moved = replace(
@@ -76,5 +66,5 @@ def test_a_scan_without_surfaces_has_no_signature():
     blank = Scan.stack(
         [Scan.make(np.full(181, np.nan), angle_min=0.0, angle_increment=0.01, range_max=8.0)]
     )
-    assert not np.any(np.asarray(signatures(seen(blank), discriminant())))
+    assert not np.any(np.asarray(signatures(views_of(blank), discriminant())))
     assert discriminant().mean.shape == (BINS,)
