@@ -67,7 +67,10 @@ class WheelOdometry:
         return Step(compose(back, moved), compose_covariance(back, _EXACT, moved, at_laser))
 
     def covariance(self, T_before_now: np.ndarray) -> np.ndarray:
-        """The motion model: `(3, 3)` of a step `(3,)`."""
+        """The motion model: `(3, 3)` of a step `(3,)`.
+
+        An error of the heading that comes about evenly along a way turns what is left of it.
+        """
         c = self.config
         way, turn = float(distance(T_before_now)), abs(float(T_before_now[2]))
         if way == 0.0 and turn == 0.0:
@@ -79,7 +82,11 @@ class WheelOdometry:
         heading = float(c.turn) ** 2 + (
             float(c.turn_per_metre) ** 2 * way + float(c.turn_per_turn) ** 2 * turn
         )
-        return np.diag([place, place, heading])
+        aside = np.array([-T_before_now[1], T_before_now[0]])
+        covariance = np.diag([place, place, heading])
+        covariance[:2, :2] += heading / 3.0 * np.outer(aside, aside)
+        covariance[:2, 2] = covariance[2, :2] = heading / 2.0 * aside
+        return covariance
 
     def state(self) -> list[float] | None:
         """The last pose."""

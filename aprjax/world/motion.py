@@ -81,6 +81,16 @@ class Motion:
         both = np.where(off[:-1] * off[1:] < 0, np.minimum(np.abs(off[:-1]), np.abs(off[1:])), 0.0)
         return np.pad(both, (1, min(steps, 1)))[: steps + 1]
 
+    def heading_deviation(self) -> np.ndarray:
+        """`(N,)` radians: how well all that was measured of each scan holds its heading."""
+        information = np.zeros(len(self.poses))
+        if len(self.measured.first):
+            square = np.einsum("mji,mjk->mik", self.measured.root, self.measured.root)
+            of_heading = 1.0 / np.linalg.inv(square)[:, 2, 2]
+            np.add.at(information, self.measured.first, of_heading)
+            np.add.at(information, self.measured.second, of_heading)
+        return 1.0 / np.sqrt(np.maximum(information, 1e-12))
+
 
 def motion(views: View, odometry: np.ndarray, config: MotionConfig) -> Motion:
     """The way of the scans of `views` `(scans,)`, from odometry poses `(N, 3)`.

@@ -16,19 +16,21 @@ from aprjax.world.super_space import neighbourhood
 
 _ARCS = 2  # between nodes that may be one
 _SURE, _SURE_TURN = 0.3, np.radians(4)  # metres and radians: deviations of a pose that may be one
-_ABOUT = 1.0  # metres about a scan in which turning counts
+_ABOUT = 2.0  # metres about a scan in which turning counts
 _SKEWED = np.radians(15)  # from which a heading is not to be relied on
-_OUTLYING = np.radians(5)  # radians of turning that a metre off the middle of the scans counts
+_OUTLYING = np.radians(15)  # radians of turning that a metre off the middle of the scans counts
+_UNCERTAIN = 400.0  # radians of turning that a radian of the heading's deviation counts
 
 
 def steady_frames(world: WorldModel, moved: Motion, covariance: dict[int, np.ndarray]) -> None:
-    """Give each node the frame of a scan about its middle that was not taken in a turn.
+    """Give each node the frame of a scan about its middle that is well held and not of a turn.
 
-    A scan lasts some time: one that was taken while the robot turned is skewed, and so is the
-    heading that goes with it. Nor is one a good frame that is skewed against odometry. `covariance`
-    `(3, 3)` is that of each scan's pose in its node.
+    An error of the frame's own heading is one of all its arcs. The headings of scans are the less
+    certain the less the scans around them hold them, and the more the robot turned: a scan lasts
+    some time, and one that was taken in a turn is skewed. Nor is one a good frame that is skewed
+    against odometry. `covariance` `(3, 3)` is that of each scan's pose in its node.
     """
-    skew = moved.skew()
+    skew, uncertain = moved.skew(), moved.heading_deviation()
     inside: dict[int, list[int]] = {node: [] for node in world.graph}
     for scan, place in sorted(world.places.items()):
         if spread(covariance[scan]) < _SURE and turn_spread(covariance[scan]) < _SURE_TURN:
@@ -38,7 +40,8 @@ def steady_frames(world: WorldModel, moved: Motion, covariance: dict[int, np.nda
             xy = np.array([world.places[scan].T_node_laser[:2] for scan in scans])
             off = np.hypot(*(xy - np.median(xy, axis=0)).T)
             turns = np.array([moved.turn(scan, _ABOUT) for scan in scans])
-            chosen = scans[np.lexsort((turns + _OUTLYING * off, skew[scans] > _SKEWED))[0]]
+            cost = turns + _OUTLYING * off + _UNCERTAIN * uncertain[scans]
+            chosen = scans[np.lexsort((cost, skew[scans] > _SKEWED))[0]]
             world.move_frame(node, chosen, covariance[chosen])
 
 

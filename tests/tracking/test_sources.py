@@ -16,6 +16,7 @@ from aprjax.tracking.neighbours import Neighbours, seen_from
 from aprjax.tracking.odometry import Gyro, OdometryConfig, WheelOdometry
 from aprjax.world import alignment
 from aprjax.world.parts import Place
+from aprjax.world.plane import compose, compose_covariance
 from tests.tracking.worlds import EXACT, at, corridor, drive, sure, tracker
 from tests.worlds import office, scan_at
 
@@ -57,10 +58,22 @@ def test_a_laser_that_looks_back_moves_backwards():
 
 def test_odometry_grows_with_the_way_and_does_not_depend_on_the_length_of_the_steps():
     model = WheelOdometry(OdometryConfig(slip=0.0, turn=0.0))
-    one = model.covariance(np.array([1.0, 0, 0.5]))
-    tenth = model.covariance(np.array([0.1, 0, 0.05]))
-    np.testing.assert_allclose(10 * tenth, one, rtol=1e-6)
-    assert np.all(np.diag(model.covariance(np.array([2.0, 0, 0.5]))) > np.diag(one))
+    one = model.covariance(np.array([2.0, 0, 0.0]))
+    parts, T = np.zeros((3, 3)), np.zeros(3)
+    step = np.array([0.02, 0, 0.0])
+    for _ in range(100):
+        parts = compose_covariance(T, parts, step, model.covariance(step))
+        T = compose(T, step)
+    np.testing.assert_allclose(parts, one, rtol=1e-3, atol=1e-9)
+    assert np.all(np.diag(model.covariance(np.array([3.0, 0, 0.5]))) > np.diag(one))
+
+
+def test_what_a_long_step_may_be_turned_carries_its_end_aside():
+    covariance = WheelOdometry().covariance(np.array([0.0, 2.0, 0.3]))
+    assert covariance[0, 0] > 5 * covariance[1, 1]
+    assert (
+        covariance[0, 2] < 0 < np.linalg.eigvalsh(covariance)[0]
+    )  # turned more, it ends up behind
 
 
 @pytest.mark.parametrize("reading", [[1.0, 2.0], [0.0, np.nan, 0.0], None, "pose"])
