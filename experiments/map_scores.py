@@ -1,7 +1,7 @@
 """How good a world model is against the true poses of its log's scans.
 
 The figures of `score_map.py`, which lies beside the data, on a model rather than on its export;
-and how far the relaxed frame is off as a whole.
+how far the relaxed frame is off as a whole; and how good the truth is from scan to scan.
 """
 
 from collections.abc import Callable
@@ -12,6 +12,7 @@ import networkx as nx
 import numpy as np
 
 from aprjax.world.model import WorldModel
+from aprjax.world.motion import Motion
 from aprjax.world.plane import compose, distance, relative, wrap
 
 _WRONG, _WRONG_TURN = 1.0, np.radians(15)  # metres and radians from which a pose is false
@@ -69,6 +70,25 @@ def frame_rms(
     u, _, vt = np.linalg.svd(assembled.T @ true)
     turn = u @ np.diag([1.0, np.linalg.det(u @ vt)]) @ vt
     return float(np.sqrt(np.mean(np.sum((assembled @ turn - true) ** 2, axis=1))))
+
+
+def pair_errors(moved: Motion, T_world_laser: np.ndarray) -> dict[str, float]:
+    """Medians over all aligned pairs of scans, by name.
+
+    pair_deg_true: by how much the turn between two scans is off the truth. pair_deg: off what all
+    pairs together say. Where that is much less, scans agree with each other on headings that the
+    truth does not have.
+    """
+    first, second = (
+        numbers[len(T_world_laser) - 1 :]  # odometry's steps come first
+        for numbers in (moved.measured.first, moved.measured.second)
+    )
+    turn = moved.measured.T_first_second[len(T_world_laser) - 1 :, 2]
+    off = {}
+    for name, poses in (("pair_deg_true", T_world_laser), ("pair_deg", moved.poses)):
+        gap = wrap(poses[second, 2] - poses[first, 2] - turn)
+        off[name] = float(np.degrees(np.median(np.abs(gap))))
+    return off
 
 
 def _false(errors: np.ndarray) -> np.ndarray:

@@ -8,8 +8,9 @@ apart that there are about half as many. Writes into DIR:
 
 - `maps.csv`: a row for each log. The figures are those of `map_scores.score_map`; rms_m is how far
   the nodes of the relaxed frame are off the truth after it was moved as a whole to where it fits
-  best. `half_references`, `half_false_arcs` and `half_recognized` are of the map with half the
-  references. With --timed, ms and cpu_ms are the time of building for each scan, compilation apart.
+  best. Those that begin with `half_` are of the map with half the references; pair_deg_true and
+  pair_deg are those of `map_scores.pair_errors`. With --timed, ms and cpu_ms are the time of
+  building for each scan, compilation apart.
 - `LOG.png`: the paper's Figs. 4 and 6, the relaxed frame.
 - `configuration.json`: the defaults that made them.
 
@@ -27,7 +28,7 @@ import equinox as eqx
 import jax
 import numpy as np
 from data import map_folder, map_names
-from map_scores import frame_rms, score_map
+from map_scores import frame_rms, pair_errors, score_map
 from outputs import print_table, write_configuration, write_figure, write_table
 
 import aprjax
@@ -79,6 +80,9 @@ def figures(name: str, kept: Path | None, *, timed: bool) -> tuple[dict, WorldMo
         "half_references": half["references"],
         "half_false_arcs": half["false_arcs"],
         "half_recognized": round(half["recognized"], 3),
+        "half_arc_deg": round(half["arc_deg"], 2),
+        "half_arc_deg_95": round(half["arc_deg_95"], 2),
+        **{key: round(value, 2) for key, value in pair_errors(moved, truth).items()},
     }
     if timed:
         row |= _times(name, entries)

@@ -2,9 +2,12 @@ import networkx as nx
 import numpy as np
 import pytest
 
+from aprjax.world.motion import Motion
 from aprjax.world.parts import Place
+from aprjax.world.plane import relative
+from aprjax.world.smoothing import Measurements
 from aprjax.world.super_space import assemble
-from experiments.map_scores import frame_rms, score_map
+from experiments.map_scores import frame_rms, pair_errors, score_map
 from experiments.office import contracted, corridors, outline, walls, way
 
 
@@ -67,3 +70,15 @@ def test_the_office_has_five_cycles_and_every_turn_in_it_is_driven():
     assert turns == {(a, b, c) for a, b in graph.edges for c in graph.successors(b)}
     spans = np.ptp(walls(0, graph).reshape(-1, 2), axis=0)
     assert np.all(spans > (50, 70))
+
+
+def test_errors_of_the_truth_show_in_all_pairs_of_a_scan_and_not_in_what_they_say_together():
+    poses = np.array([[0.5 * scan, 0.0, 0.0] for scan in range(4)])
+    first, second = np.array([0, 1, 2, 0, 1, 2, 0, 1]), np.array([1, 2, 3, 1, 2, 3, 2, 3])
+    steps = relative(poses[first], poses[second])
+    measured = Measurements.make(first, second, steps, np.tile(1e-4 * np.eye(3), (8, 1, 1)))
+    moved = Motion(poses, np.zeros((4, 3, 3)), poses[:, 0], measured)
+    truth = poses + [0, 0, 1] * np.radians([[0.0], [2.0], [0.0], [-2.0]])
+    errors = pair_errors(moved, truth)
+    assert errors["pair_deg_true"] == pytest.approx(2.0)
+    assert errors["pair_deg"] == pytest.approx(0.0)
