@@ -53,14 +53,14 @@ def test_a_scan_that_is_skewed_against_odometry_makes_no_frame():
 
 
 def test_the_scan_whose_heading_is_held_best_makes_the_frame():
-    poses = np.array([[0.1 * scan, 0.0, 0.0] for scan in range(4)])
+    poses = np.array([[0.1 * scan, 0.0, 0.0] for scan in range(5)])
     world = WorldModel()
     world.add_node(0)
     for scan, pose in enumerate(poses):
         world.place_scan(scan, Place(0, pose))
-    steps = np.tile([0.1, 0.0, 0.0], (3, 1))
-    covariances = SURE * np.array([4.0, 4.0, 0.1])[:, None, None]
-    measured = Measurements.make([0, 1, 2], [1, 2, 3], steps, covariances)
-    moved = Motion(poses, np.tile(SURE, (4, 1, 1)), poses[:, 0], measured)
-    steady_frames(world, moved, dict.fromkeys(range(4), SURE))
-    assert world.graph.nodes[0]["scan"] == 2
+    steps = np.tile([0.1, 0.0, 0.0], (4, 1))
+    covariances = SURE * np.array([4.0, 4.0, 4.0, 0.1])[:, None, None]
+    measured = Measurements.make([0, 1, 2, 3], [1, 2, 3, 4], steps, covariances)
+    moved = Motion(poses, np.tile(SURE, (5, 1, 1)), poses[:, 0], measured)
+    steady_frames(world, moved, dict.fromkeys(range(5), SURE))
+    assert world.graph.nodes[0]["scan"] == 3  # and not 2, in the middle
