@@ -36,7 +36,13 @@ from aprjax.world.plane import (
 from aprjax.world.recognition import RecognitionConfig, Sightings, sightings
 from aprjax.world.smoothing import Measurements
 from aprjax.world.super_space import neighbourhood
-from aprjax.world.tidy import drop_shortcuts, drop_small_cycles, merge_close_nodes, steady_frames
+from aprjax.world.tidy import (
+    drop_shortcuts,
+    drop_small_cycles,
+    merge_close_nodes,
+    merge_crossings,
+    steady_frames,
+)
 
 _ABOUT = 0.4  # metres about a scan in which the robot may turn
 
@@ -133,6 +139,7 @@ def build_from_stages(
     merge_close_nodes(world, float(config.one_place), float(config.sure))
     drop_shortcuts(world, float(config.detour))
     drop_small_cycles(world, float(config.around))
+    merge_crossings(world, float(config.reach), float(config.sure))
     world.add_references(
         [scans[scan] for scan in mapper.references],
         [Appearance(world.places[scan], scan) for scan in mapper.references],

@@ -2,7 +2,7 @@
 
 A node begins with the scan that needed it, which may be a poor frame. Where the robot did not know
 at once that it was back, it made new nodes beside the old ones, and recognition joined them later.
-One place is one node, and two ways between neighbours are one.
+One place is one node, a crossing too, and two ways between neighbours are one.
 """
 
 import networkx as nx
@@ -94,3 +94,21 @@ def drop_small_cycles(world: WorldModel, around: float) -> None:
             world.remove_arc(a, b)
         else:
             lengths.add_edge(a, b, weight=length)
+
+
+def merge_crossings(world: WorldModel, gap: float, deviation: float) -> None:
+    """Make one node of two neighbouring ones less than `gap` metres apart where ways meet at both.
+
+    What crosses within the region of a node crosses in one place. The arc between them must be
+    certain to `deviation` metres. The shortest go first; the older node stays.
+    """
+    while near := [
+        (arc.length, arc.a, arc.b)
+        for arc in world.arcs()
+        if arc.length < gap
+        and spread(arc.covariance) < deviation
+        and world.graph.degree(arc.a) > 2
+        and world.graph.degree(arc.b) > 2
+    ]:
+        _, a, b = min(near)
+        world.merge_nodes(min(a, b), max(a, b))

@@ -4,7 +4,7 @@ from aprjax.world.model import WorldModel
 from aprjax.world.motion import Motion
 from aprjax.world.parts import Arc, Place
 from aprjax.world.smoothing import Measurements
-from aprjax.world.tidy import drop_small_cycles, steady_frames
+from aprjax.world.tidy import drop_small_cycles, merge_crossings, steady_frames
 
 SURE = np.diag([1e-4, 1e-4, 1e-5])
 
@@ -31,6 +31,34 @@ def test_a_way_round_something_stays_a_cycle():
     world = crossing(far=6.0)
     drop_small_cycles(world, 12.0)
     assert world.graph.number_of_edges() == 4
+
+
+def crossing_of_two(gap: float) -> WorldModel:
+    """Ways from node 0 to the left and down, and from node 1, `gap` metres on, right and up."""
+    world = WorldModel()
+    places = np.array([(0.0, 0.0), (gap, 0.0), (-4.0, 0.0), (0.0, -4.0), (gap + 4, 0), (gap, 4)])
+    for _ in places:
+        world.add_node()
+    for a, b in ((0, 1), (0, 2), (0, 3), (1, 4), (1, 5)):
+        world.add_arc(Arc(a, b, np.append(places[b] - places[a], 0.0), SURE, "driven"))
+    return world
+
+
+def test_a_crossing_that_two_nodes_share_is_made_one():
+    world = crossing_of_two(gap=2.0)
+    merge_crossings(world, 3.0, 0.4)
+    assert sorted(world.graph[0]) == [2, 3, 4, 5]
+    np.testing.assert_allclose(world.arc(0, 5).T_a_b, [2.0, 4.0, 0.0])
+
+
+def test_crossings_farther_apart_and_nodes_on_a_way_stay_as_they_are():
+    apart = crossing_of_two(gap=3.5)
+    merge_crossings(apart, 3.0, 0.4)
+    assert len(apart.nodes) == 6
+    way = crossing(far=6.0)
+    way.remove_arc(3, 2)
+    merge_crossings(way, 3.0, 0.4)
+    assert len(way.nodes) == 4
 
 
 def test_a_scan_that_is_skewed_against_odometry_makes_no_frame():
