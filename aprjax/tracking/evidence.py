@@ -27,8 +27,9 @@ one among them, from the odds that the source gives each.
 
 Departures from the paper. It does not state its rewards and punishments; here they are likelihood
 ratios. Its tracking sources leave all λ alone; here the proportions of the λ_i stay, but leak and
-doubt shift weight from all of them to the rest. An estimate of a probability under `trusted`
-rewards a hypothesis and does not move its centre. Hypotheses that meet become one.
+doubt shift weight from all of them to the rest. An estimate that would be rather wrong than right
+even if the robot were in the volume rewards a hypothesis and does not move its centre.
+Hypotheses that meet become one.
 """
 
 import math
@@ -61,7 +62,9 @@ class EvidenceConfig(eqx.Module):
     rest: Float[Array, ""] = threshold(0.02, "least λ_0")
     independence: Float[Array, ""] = threshold(1.0, "metres over which readings err alike")
     per_turn: Float[Array, ""] = threshold(0.5, "metres that a radian of turning counts")
-    trusted: Float[Array, ""] = threshold(0.3, "least probability of estimates that move a centre")
+    trusted: Float[Array, ""] = threshold(
+        0.5, "least probability, if the robot is in their volume, of estimates that move its centre"
+    )
     same: Float[Array, ""] = threshold(0.25, "metres between centres that are one hypothesis")
     same_turn: Float[Array, ""] = threshold(np.radians(5), "radians, likewise")
     hypotheses: int = capacity(30, "most explicit hypotheses; the least probable go")
@@ -89,6 +92,15 @@ def reward(probability: float, config: EvidenceConfig) -> float:
     """The likelihood ratio of an estimate that is right with this probability."""
     odds = probability / max(1.0 - probability, 1e-6)
     return min(float(config.missed) + float(config.gain) * odds, float(config.most))
+
+
+def given(probability: float, config: EvidenceConfig) -> float:
+    """The probability of an estimate if the robot is in the volume that it lies in.
+
+    The likelihood ratio of `reward` has two parts: right estimates, and none that is.
+    """
+    right = float(config.gain) * probability / max(1.0 - probability, 1e-6)
+    return right / (float(config.missed) + right)
 
 
 def exclusive(estimates: Sequence[Estimate]) -> list[float]:
@@ -133,7 +145,7 @@ def located(
             continue
         updated.append(_rewarded(hypothesis, shares[best], weight, config))
         # If the robot is in this volume, no other estimate is right.
-        if estimates[best].probability >= config.trusted:
+        if given(estimates[best].probability, config) >= config.trusted:
             updated[-1] = _confirmed(updated[-1], estimates[best], config)
 
     total = sum(h.probability for h in updated) + belief.rest

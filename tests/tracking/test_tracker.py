@@ -95,11 +95,12 @@ def test_of_several_estimates_in_a_volume_the_most_probable_confirms():
     np.testing.assert_allclose(made.belief.best.place.T_node_laser[0], 1.5)
 
 
-def test_an_estimate_that_is_hardly_trusted_rewards_but_does_not_move():
+@pytest.mark.parametrize(("probability", "x"), [(0.05, 1.0), (0.15, 1.2)])
+def test_an_estimate_moves_a_centre_if_it_is_rather_right_in_that_volume(probability, x):
     made = sure()
     made.move(step=drive(1.0))
-    made.observe(estimates=[at(0, 1.2, probability=0.2)])
-    assert made.belief.best.place.T_node_laser[0] == pytest.approx(1.0)
+    made.observe(estimates=[at(0, 1.2, probability=probability)])
+    assert made.belief.best.place.T_node_laser[0] == pytest.approx(x)
 
 
 def test_a_robot_that_passes_into_the_next_region_keeps_its_hypothesis():
