@@ -1,7 +1,7 @@
 """Numerical helpers that every stage shares: precision, norms, angles, look-ups, bucket sizes."""
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TypeVar
 
 import jax
@@ -19,16 +19,21 @@ _State = TypeVar("_State")
 _TINY = float(np.finfo(np.float32).tiny)
 
 
-def single_precision() -> AbstractContextManager[object]:
+@contextmanager
+def single_precision() -> Iterator[None]:
     """What the engine is called in: 32 bits, also where the process has allowed JAX 64.
 
     Counters and indices would else be 64 bits wide, half as fast, and promote what they meet.
+    `@single_precision()` puts a whole function in it.
     """
     if hasattr(jax, "enable_x64"):
-        return jax.enable_x64(False)
-    from jax.experimental import disable_x64  # pyright: ignore[reportAttributeAccessIssue]
+        setting = jax.enable_x64(False)
+    else:
+        from jax.experimental import disable_x64  # pyright: ignore[reportAttributeAccessIssue]
 
-    return disable_x64()
+        setting = disable_x64()
+    with setting:
+        yield
 
 
 def wrap(angle: Float[Array, "..."], period: float = 2 * np.pi) -> Float[Array, "..."]:

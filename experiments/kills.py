@@ -2,15 +2,17 @@
 
     python experiments/kills.py --out DIR [--kills N] [--seed N] [COMMAND ...]
 
-Simulates two runs, carries out each command (`match`, `build` for `map build`, `localize`) once
-as a whole, and then kills N runs of it (SIGKILL, which no program can catch): every other one at
-any moment, the others once it has begun to write. After each kill no file may carry a final name
-unless it is the whole run's, bit by bit; no finished piece of `match` may be gone or differ. In
-the end the command must come to the same file again. Prints and writes `kills.csv` into DIR.
+Simulates two runs, carries out each command (`match`, `build` for `map build`, `localize`,
+`sweep`) twice as a whole, and then kills N runs of it (SIGKILL, which no program can catch): every
+other one at any moment, the others once it has begun to write. After each kill no file may carry a
+final name unless it is the whole run's, bit by bit; no finished piece of `match` and `sweep` may
+be gone or differ. In the end the command must come to the same files again, measured times apart.
+Prints and writes `kills.csv` into DIR.
 """
 
 import argparse
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -23,7 +25,9 @@ from outputs import print_table, write_table
 from aprjax.io.archive import ArchiveError, read_archive
 
 _POLL = 2e-4  # seconds between two looks at what is written
-COMMANDS = ("match", "build", "localize")
+COMMANDS = ("match", "build", "localize", "sweep")
+_TIMES = "times.csv"  # of a sweep: no two runs share them
+_LAST = "manifest.json"  # what a sweep writes when all else is there
 
 
 @dataclass
@@ -48,6 +52,10 @@ def words(command: str, folder: Path, out: Path) -> list[str]:
         rest = ["match", runs["references"], runs["second"]]
     elif command == "build":
         rest = ["map", "build", runs["second"]]
+    elif command == "sweep":
+        # The poses that score are odometry's, which no answer depends on.
+        rest = ["sweep", runs["references"], runs["second"]]
+        rest += ["--set", "congruence.tolerance=0.04:0.08:2", "--set", "voting.length=0.06:0.12:4"]
     else:
         rest = ["localize", str(folder / "whole.build"), runs["first"]]
     return [sys.executable, "-m", "aprjax.cli.main", "--cache", *rest, "--out", str(out)]
@@ -58,34 +66,64 @@ def environment(folder: Path) -> dict[str, str]:
     return os.environ | {"XDG_CACHE_HOME": str(folder / "cache")}
 
 
-def whole(command: str, folder: Path) -> tuple[bytes, float]:
-    """What the command writes when left alone, and the seconds that it takes once compiled."""
-    out, seconds = folder / f"whole.{command}", 0.0
-    written = set()
-    for _ in range(2):
-        start = time.monotonic()
-        subprocess.run(
-            words(command, folder, out), check=True, env=environment(folder), capture_output=True
-        )
-        seconds = time.monotonic() - start
-        written.add(out.read_bytes())
-    if len(written) > 1:
+def results(out: Path) -> dict[str, bytes]:
+    """What carries a final name, measured times apart."""
+    files = out.iterdir() if out.is_dir() else [out]
+    final = (path for path in files if path.is_file() and path.suffix != ".tmp")
+    return {path.name: path.read_bytes() for path in final if path.name != _TIMES}
+
+
+def complete(out: Path) -> bool:
+    """Whether all of it is written."""
+    return out.is_file() or (out / _LAST).exists()
+
+
+def pieces_of(out: Path) -> Path:
+    """The folder of the finished pieces of a command that writes `out`."""
+    beside = out.with_name(f"{out.name}.pieces")
+    return beside if beside.exists() else out / "pieces"
+
+
+def remove(out: Path) -> None:
+    """Remove a file or a folder."""
+    if out.is_dir():
+        shutil.rmtree(out)
+    else:
+        out.unlink()
+
+
+def run(command: str, folder: Path, out: Path) -> dict[str, bytes]:
+    """What the command writes when left alone."""
+    subprocess.run(
+        words(command, folder, out), check=True, env=environment(folder), capture_output=True
+    )
+    return results(out)
+
+
+def whole(command: str, folder: Path) -> tuple[dict[str, bytes], float]:
+    """What the command writes, and the seconds that it takes once compiled."""
+    out = folder / f"whole.{command}"
+    first = run(command, folder, out)
+    remove(out)
+    start = time.monotonic()
+    second = run(command, folder, out)
+    if first != second:
         raise AssertionError(f"{command}: two runs differ")
-    return written.pop(), seconds
+    return second, time.monotonic() - start
 
 
 def killed(
-    command: str, folder: Path, kills: int, expected: bytes, seconds: float, seed: int
+    command: str, folder: Path, kills: int, expected: dict[str, bytes], seconds: float, seed: int
 ) -> Outcome:
     """The outcome of so many kills."""
     rng, outcome = np.random.default_rng(seed), Outcome(command)
     here = folder / f"killed-{command}"
     here.mkdir(exist_ok=True)
-    out, kept = here / "out", here / "out.pieces"
+    out = here / f"whole.{command}"
     pieces: dict[str, bytes] = {}
     for number in range(kills):
         if number % 2:
-            finished = _kill_while_writing(words(command, folder, out), folder, here, rng)
+            finished = _kill_while_writing(words(command, folder, out), folder, out, rng)
         else:
             moment = rng.uniform(0, seconds)
             finished = _kill_after(words(command, folder, out), folder, moment)
@@ -96,28 +134,29 @@ def killed(
         for path in left:
             path.unlink()
         if out.exists():
-            if out.read_bytes() != expected:
-                outcome.broken.append(f"{number}: another file under the final name")
-            out.unlink()
-            pieces = {}
+            for name, data in results(out).items():
+                if expected.get(name) != data:
+                    outcome.broken.append(f"{number}: another file under the final name {name}")
+        kept = pieces_of(out)
         now = {path.name: path.read_bytes() for path in sorted(kept.glob("*.npz"))}
         outcome.pieces_kept += len(now)
-        for name, data in pieces.items():
-            # The whole folder goes when its table is written.
-            if not finished and now and now.get(name) != data:
-                outcome.broken.append(f"{number}: piece {name} was lost")
         for name in now:
             try:
                 read_archive(kept / name, "piece")
             except ArchiveError as error:
                 outcome.broken.append(f"{number}: piece {name}: {error}")
+        if complete(out):
+            # Pieces go when all is written, one after the other.
+            remove(out)
+            pieces = {}
+            continue
+        for name, data in pieces.items():
+            if now.get(name) != data:
+                outcome.broken.append(f"{number}: piece {name} was lost")
         pieces = now
-    subprocess.run(
-        words(command, folder, out), check=True, env=environment(folder), capture_output=True
-    )
-    if out.read_bytes() != expected:
-        outcome.broken.append("the run after all kills wrote another file")
-    if kept.exists():
+    if run(command, folder, out) != expected:
+        outcome.broken.append("the run after all kills wrote something else")
+    if pieces_of(out).exists():
         outcome.broken.append("the run after all kills left its pieces")
     return outcome
 
@@ -138,17 +177,15 @@ def _kill_after(line: list[str], folder: Path, seconds: float) -> bool:
     return True
 
 
-def _kill_while_writing(
-    line: list[str], folder: Path, here: Path, rng: np.random.Generator
-) -> bool:
+def _kill_while_writing(line: list[str], folder: Path, out: Path, rng: np.random.Generator) -> bool:
     """Kill a run within a few milliseconds of one of the files that it begins to write."""
     files, delay = rng.integers(1, 5), rng.uniform(0, 4e-3)
     seen: set[Path] = set()
     with _started(line, folder) as process:
         while process.poll() is None:
-            seen.update(here.rglob(".*.tmp"))
+            seen.update(out.parent.rglob(".*.tmp"))
             # A command that writes one file is killed at that.
-            if len(seen) >= files or (seen and not (here / "out.pieces").exists()):
+            if len(seen) >= files or (seen and not pieces_of(out).exists()):
                 time.sleep(delay)
                 process.kill()
                 return False
@@ -178,7 +215,7 @@ def main() -> int:
     rows, broken = [], []
     for command in arguments.commands or COMMANDS:
         if command == "localize" and not (folder / "whole.build").exists():
-            whole("build", folder)
+            run("build", folder, folder / "whole.build")
         expected, seconds = whole(command, folder)
         print(f"{command}: {seconds:.1f} s as a whole", file=sys.stderr, flush=True)
         outcome = killed(command, folder, arguments.kills, expected, seconds, arguments.seed)

@@ -32,3 +32,10 @@ def data() -> Path:
     if not (root / "logs").is_dir():
         pytest.skip(f"no logs folder in {root}; set APRJAX_DATA")
     return root
+
+
+@pytest.fixture
+def wide():
+    """Called, it lets JAX make arrays of 64 bits, as a user's process may; until the test ends."""
+    yield lambda: jax.config.update("jax_enable_x64", True)
+    jax.config.update("jax_enable_x64", False)

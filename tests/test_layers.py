@@ -8,8 +8,10 @@ from pathlib import Path
 
 import pytest
 
+import aprjax
+
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGE = ROOT / "aprjax"
+PACKAGE = Path(aprjax.__file__).parent
 
 # The entries of aprjax in their order; `aprjax` itself, the public names, is for the command
 # line alone.

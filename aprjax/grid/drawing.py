@@ -15,7 +15,7 @@ from aprjax.grid.occupancy_grid import (
     UNKNOWN,
     OccupancyGrid,
 )
-from aprjax.numerics import arctan2, bucket
+from aprjax.numerics import arctan2, bucket, single_precision
 from aprjax.scan import Scan
 from aprjax.se2 import Pose
 
@@ -25,6 +25,7 @@ _SHARE = 0.35
 _CLEAR = 1.5  # cells before a hit that nothing is said of: it may lie in any part of its own
 
 
+@single_precision()
 def grid_from_scans(
     scans: Scan,
     T_world_laser: np.ndarray,

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float, Int
 from aprjax.grid.occupancy_grid import OccupancyGrid
 from aprjax.grid.plane import compose, inverse
 from aprjax.grid.surface import Surfaces, meet, surfaces
-from aprjax.numerics import bucket
+from aprjax.numerics import bucket, single_precision
 from aprjax.scan import Scan
 from aprjax.se2 import Pose
 
@@ -102,6 +102,7 @@ def cast(
     return jnp.where(free, jnp.inf, jnp.where(hit, middle, jnp.nan))
 
 
+@single_precision()
 def render(grid: OccupancyGrid, T_world_laser: np.ndarray, like: Scan) -> Scan:
     """Scans of a grid from poses `(N, 3)` in metres and radians, stacked on the host.
 

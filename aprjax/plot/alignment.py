@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 from aprjax.alignment.correspondence import CorrespondenceConfig, correspondence_matrices
 from aprjax.alignment.rotation import RotationConfig, rotation_peaks
+from aprjax.numerics import single_precision
 from aprjax.relations.graph import AnchorGraph
 from aprjax.relations.histograms import RelationConfig, direction_spectrum, matching_angles
 
@@ -24,6 +25,7 @@ _peaks = jax.jit(rotation_peaks, static_argnames="config")
 _matrices = jax.jit(correspondence_matrices)
 
 
+@single_precision()
 def draw_matching_angles(
     reference: AnchorGraph,
     query: AnchorGraph,
@@ -56,6 +58,7 @@ def draw_matching_angles(
     return drawn
 
 
+@single_precision()
 def draw_correspondences(
     reference: AnchorGraph,
     query: AnchorGraph,

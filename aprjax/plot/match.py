@@ -10,6 +10,7 @@ from aprjax.evaluation.congruence import sees
 from aprjax.evaluation.synthetic_scan import synthetic_scan
 from aprjax.evaluation.view import View
 from aprjax.features import FeatureConfig
+from aprjax.numerics import single_precision
 from aprjax.plot.style import (
     add_legend,
     draw_anchors_by_kind,
@@ -25,6 +26,7 @@ from aprjax.se2 import Pose, inverse, transform
 _REFERENCE, _QUERY, _SYNTHETIC = "#777777", "#d9480f", "#2b8cbe"
 
 
+@single_precision()
 def draw_match(
     reference_scan: Scan,
     query_scan: Scan,

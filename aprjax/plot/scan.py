@@ -6,6 +6,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 
 from aprjax.anchors.segment import SegmentConfig, segment
+from aprjax.numerics import single_precision
 from aprjax.plot.style import (
     CLUTTER,
     SURFACE,
@@ -21,6 +22,7 @@ from aprjax.scan import Scan
 _segment = jax.jit(segment)
 
 
+@single_precision()
 def draw_scan(
     scan: Scan, config: SegmentConfig | None = None, *, ax: Axes | None = None
 ) -> list[Artist]:

@@ -10,7 +10,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from aprjax.configuration import capacity, threshold
-from aprjax.numerics import bucket
+from aprjax.numerics import bucket, single_precision
 from aprjax.scan import Scan
 from aprjax.se2 import Pose
 from aprjax.sim.ray_casting import cast
@@ -133,6 +133,7 @@ def take_scan(key: PRNGKeyArray, laser: Laser, world: World, T_world_laser: Pose
 _CHUNK = 32  # scans taken at a time, which bounds the memory
 
 
+@single_precision()
 def take_scans(
     key: PRNGKeyArray,
     laser: Laser,

@@ -21,7 +21,7 @@ from jaxtyping import Array, Bool, Float
 
 from aprjax.configuration import capacity, threshold
 from aprjax.evaluation.view import View
-from aprjax.numerics import arctan2, dot, safe_norm, total, wrap
+from aprjax.numerics import arctan2, dot, safe_norm, single_precision, total, wrap
 from aprjax.refine import RefineConfig, estimate
 from aprjax.se2 import Pose, inverse, rotate, transform
 
@@ -79,9 +79,12 @@ class _Points(eqx.Module):
     real: Bool[Array, " points"]
 
 
-@jax.jit
+@single_precision()
 def idc(
-    references: View, queries: View, T_ref_query: Float[Array, "pairs 3"], config: IdcConfig
+    references: View,
+    queries: View,
+    T_ref_query: Float[Array | np.ndarray, "pairs 3"],
+    config: IdcConfig,
 ) -> Idc:
     """The pose of each query in the frame of its reference, from the starts `T_ref_query`.
 
@@ -89,6 +92,13 @@ def idc(
     From 0.3 m and 10° off it finds most poses of scans that share half of what they see. Never
     raises: a scan without hits is not converged.
     """
+    return _idc(references, queries, T_ref_query, config)
+
+
+@jax.jit
+def _idc(
+    references: View, queries: View, T_ref_query: Float[Array, "pairs 3"], config: IdcConfig
+) -> Idc:
     return jax.vmap(correspond, (0, 0, 0, None))(references, queries, T_ref_query, config)
 
 

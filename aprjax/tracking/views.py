@@ -8,10 +8,11 @@ import numpy as np
 
 from aprjax.evaluation.view import View
 from aprjax.features import FeatureConfig, describe
-from aprjax.numerics import bucket
+from aprjax.numerics import bucket, single_precision
 from aprjax.scan import Scan
 
 
+@single_precision()
 def view_of(scan: Scan, config: FeatureConfig) -> View:
     """The view of one scan, on the host; compiles once for each bucket of beams."""
     padded = scan.pad(max(bucket(int(scan.beams)), int(np.shape(scan.ranges)[-1])))

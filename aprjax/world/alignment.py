@@ -18,7 +18,7 @@ from jaxtyping import Array, Float, Int
 from aprjax.configuration import threshold
 from aprjax.evaluation.congruence import CongruenceConfig, Verdicts, congruence
 from aprjax.evaluation.view import View
-from aprjax.numerics import HIGHEST, dot, wrap
+from aprjax.numerics import HIGHEST, dot, single_precision, wrap
 from aprjax.refine import RefineConfig, estimate, settle
 from aprjax.se2 import inverse
 
@@ -58,6 +58,7 @@ class Expected(NamedTuple):
     """`(pairs, 3, 3)`: W with Wᵀ W the inverse covariance."""
 
 
+@single_precision()
 def align_pairs(
     views: View,
     first: np.ndarray,

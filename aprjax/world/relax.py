@@ -9,7 +9,7 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float, Int
 
-from aprjax.numerics import HIGHEST, bucket, wrap
+from aprjax.numerics import HIGHEST, bucket, single_precision, wrap
 from aprjax.se2 import compose, inverse
 from aprjax.world.model import WorldModel
 from aprjax.world.super_space import assemble
@@ -18,6 +18,7 @@ _STEPS = 100
 _SCALE = 16.0  # squared deviations, over three numbers, at which an arc has lost half its say
 
 
+@single_precision()
 def relax(world: WorldModel, root: int | None = None) -> dict[int, np.ndarray]:
     """Poses `(3,)` of the nodes that `root` (by default the first node) reaches, in its frame.
 

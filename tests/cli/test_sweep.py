@@ -219,3 +219,12 @@ def test_leaves_of_the_result_lie_on_the_host(scans, references):
     configs = configured(MatchConfig(hypotheses=1), {"congruence.tolerance": [0.05, 0.08]})
     found = sweep(scans, references, configs)
     assert all(isinstance(leaf, np.ndarray) for leaf in jax.tree.leaves(found))
+
+
+def test_where_a_process_allows_64_bits_a_sweep_finds_the_same(
+    logs, folder, tmp_path, command, wide
+):
+    wide()
+    assert command(*sweeping(logs, tmp_path))[0] == 0
+    for name in ("sweep.csv", "curves.csv", "sweep.png", "curves.png"):
+        assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()

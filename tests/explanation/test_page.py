@@ -152,3 +152,10 @@ def test_without_the_cascade_its_two_looks_leave_all_there_is(told, references):
         _trace, told.query, np.array([-1]), references.index, MatchConfig(cascade=False)
     )
     assert shapes.aligned.row.shape == shapes.kept.row.shape == shapes.evaluated.row.shape
+
+
+def test_where_a_process_allows_64_bits_the_page_is_the_same(text, scan, references, wide):
+    wide()
+    told = account(scan, references, CONFIG, exclude=[EXCLUDED])
+    again = page(told, scan, references, CONFIG, [EXCLUDED], "<script>a & b</script>")
+    assert again == text

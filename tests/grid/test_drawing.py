@@ -1,9 +1,11 @@
 import equinox as eqx
+import jax
 import numpy as np
 import pytest
 
 import aprjax
 from aprjax.grid.drawing import grid_from_scans
+from aprjax.grid.rendering import render
 from aprjax.scan import Scan
 from tests.worlds import clearance, free_pose, office, scan_at
 
@@ -118,3 +120,12 @@ ONE = Scan.stack([Scan.make([1.0, 1.0], angle_min=0.0, angle_increment=0.1, rang
 def test_what_makes_no_sense_is_refused(scans, poses, options, message):
     with pytest.raises(ValueError, match=message):
         grid_from_scans(scans, poses, **options)
+
+
+def test_where_a_process_allows_64_bits_grids_and_rendered_scans_are_the_same(drive, wide):
+    _, poses, scans, grid = drive
+    like = jax.tree.map(lambda array: array[0], scans)
+    rendered = render(grid, poses[:3], like)
+    wide()
+    np.testing.assert_array_equal(grid_from_scans(scans, poses).cells, grid.cells)
+    jax.tree.map(np.testing.assert_array_equal, render(grid, poses[:3], like), rendered)

@@ -355,3 +355,9 @@ def test_the_sick_has_two_resolutions_and_a_full_turn_some_beams():
 def test_bad_poses_and_moving_circles_are_refused_by_field_index_and_value(poses, moving, message):
     with pytest.raises(ValueError, match=message):
         take_scans(KEY, Laser.sick(), star_room(), moving, poses)
+
+
+def test_where_a_process_allows_64_bits_scans_are_the_same_to_the_bit(wide):
+    narrow = taken(Laser.sick(), panels())
+    wide()
+    np.testing.assert_array_equal(taken(Laser.sick(), panels()), narrow)

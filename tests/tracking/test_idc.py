@@ -5,10 +5,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from aprjax.features import FeatureConfig
 from aprjax.references import ReferenceSet
 from aprjax.scan import Scan
 from aprjax.tracking import idc as module
 from aprjax.tracking.idc import IdcConfig, idc
+from aprjax.tracking.views import view_of
 from tests.make_logs import _near
 from tests.oracles import evaluation as poses
 from tests.oracles import idc as oracle
@@ -216,8 +218,18 @@ def test_scans_without_hits_are_finite_and_not_converged_and_disturb_nobody(pair
 
 def test_other_thresholds_compile_nothing_anew(pairs):
     idc(pairs.references, pairs.queries, pairs.starts(), CONFIG)
-    before = idc._cache_size()
+    before = module._idc._cache_size()
     for gate in (0.5, 0.9):
         config = IdcConfig(gate=gate, min_paired=0.3)
         idc(pairs.references, pairs.queries, pairs.starts(), config)
-    assert idc._cache_size() == before
+    assert module._idc._cache_size() == before
+
+
+def test_where_a_process_allows_64_bits_poses_are_the_same_to_the_bit(pairs, wide):
+    def found():
+        view = view_of(pairs.scans[0], FeatureConfig())
+        return view, idc(pairs.references, pairs.queries, pairs.starts(), CONFIG)
+
+    narrow = found()
+    wide()
+    jax.tree.map(np.testing.assert_array_equal, found(), narrow)

@@ -95,3 +95,14 @@ def test_one_scan_is_a_map_of_one_node():
     assert world.nodes == [0]
     assert isinstance(world.places[0], Place)
     assert len(world.appearances) == 1
+
+
+def test_where_a_process_allows_64_bits_the_map_is_the_same(wide):
+    log, _ = drive(seed=3, way=24.0)
+    narrow = build_map(log[:24])
+    wide()
+    found = build_map(log[:24])
+    assert found.places.keys() == narrow.places.keys()
+    for scan, place in found.places.items():
+        assert place.node == narrow.places[scan].node
+        np.testing.assert_array_equal(place.T_node_laser, narrow.places[scan].T_node_laser)

@@ -162,3 +162,10 @@ def test_a_stem_beside_a_torn_cycle_is_drawn_and_planned_as_it_was_measured(squa
     assert way.nodes == (0, 1, 4, stem)
     np.testing.assert_allclose([leg.turn for leg in way.legs], [0, 0, 0], atol=1e-9)
     assert plan(square, stem, 2).legs[2].turn == pytest.approx(-np.pi / 2)
+
+
+def test_where_a_process_allows_64_bits_the_relaxed_frame_is_the_same(square, wide):
+    torn(square, 0.2)
+    narrow = relax(square)
+    wide()
+    np.testing.assert_equal(relax(square), narrow)
