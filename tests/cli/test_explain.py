@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import pytest
 
 import aprjax.cli.explain as cli_explain
@@ -39,3 +41,10 @@ def test_a_scan_that_is_not_there_is_one_clear_line(logs, tmp_path, command, ask
     assert (status, asked) == (1, [])
     assert err == f"aprjax: {logs[1]}: there is no scan {number}, only 0 to 19\n"
     assert not out.exists()
+
+
+@pytest.mark.usefixtures("asked")
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+def test_a_full_disk_is_one_line(logs, command):
+    status, _, err = command("explain", *logs, "--query", 3, "--out", "/dev/full")
+    assert (status, err) == (1, "aprjax: /dev/full: No space left on device\n")

@@ -215,3 +215,12 @@ def test_pictures_are_drawn_after_the_cycles_asked_for_and_a_film_of_the_run(
     assert sorted(path.name for path in folder.iterdir()) == ["cycle-0001.png", "cycle-0008.png"]
     assert film.read_bytes()[:3] == b"GIF"
     assert Image.open(film).n_frames == 8
+
+
+@pytest.mark.usefixtures("outputs", "full_disk")
+@pytest.mark.parametrize("option", ["--out", "--tum", "--gif"])
+def test_a_full_disk_is_one_line_and_leaves_no_half_file(drive, tmp_path, command, option):
+    words = {"--out": "/dev/null"} | {option: tmp_path / "file"}
+    status, _, err = command("localize", *drive, *(word for pair in words.items() for word in pair))
+    assert (status, err) == (1, f"aprjax: {tmp_path / 'file'}: File too large\n")
+    assert not list(tmp_path.iterdir())

@@ -228,3 +228,22 @@ def test_where_a_process_allows_64_bits_a_sweep_finds_the_same(
     assert command(*sweeping(logs, tmp_path))[0] == 0
     for name in ("sweep.csv", "curves.csv", "sweep.png", "curves.png"):
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
+
+
+@pytest.mark.usefixtures("folder", "full_disk")
+def test_a_full_disk_is_one_line_and_leaves_no_half_file(logs, tmp_path, command):
+    status, _, err = command(*sweeping(logs, tmp_path))
+    assert status == 1
+    assert err.startswith(f"aprjax: {tmp_path / 'pieces'}")
+    assert err.endswith(": File too large\n")
+    assert err.count("\n") == 1
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+def test_with_pyarrow_the_same_table_is_written_as_parquet(logs, folder, tmp_path, command):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    assert command(*sweeping(logs, tmp_path))[0] == 0
+    columns = parquet.read_table(tmp_path / "sweep.parquet").to_pylist()
+    rows = rows_of(folder / "sweep.csv")
+    assert [{name: str(value) for name, value in row.items()} for row in columns] == rows
+    assert "sweep.parquet" in json.loads((tmp_path / "manifest.json").read_text())["files"]
