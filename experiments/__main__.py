@@ -83,6 +83,9 @@ EXPERIMENTS = {
     "course": Experiment("Fig. 7 and 4.B in simulation", _file("course")),
     "kidnappings": Experiment("the kidnapped robot in simulation", _file("kidnappings")),
     "soak": Experiment("a day of tracking with sources that fail", _file("soak")),
+    "determinism": Experiment(
+        "every command twice, compared", _file("determinism"), ("info", "match", "map show")
+    ),
     "kills": Experiment("processes killed while they write", _file("kills"), ("--kills", "2")),
     "idc": Experiment("iterative dual correspondence", _file("idc")),
     "scan_classifier": Experiment(
