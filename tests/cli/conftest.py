@@ -1,4 +1,5 @@
 import resource
+from contextlib import contextmanager
 
 import pytest
 
@@ -13,14 +14,16 @@ def logs(tmp_path_factory):
 
 
 @pytest.fixture
-def command(capsys):
+def command(capsys, request):
     """Runs a command and returns its exit status, standard output and standard error."""
+    limit = 200 if "full_disk" in request.fixturenames else None
 
     def run(*words):
-        try:
-            status = main([str(word) for word in words])
-        except SystemExit as stop:
-            status = stop.code
+        with _no_file_past(limit):
+            try:
+                status = main([str(word) for word in words])
+            except SystemExit as stop:
+                status = stop.code
         captured = capsys.readouterr()
         return status, captured.out, captured.err
 
@@ -29,8 +32,15 @@ def command(capsys):
 
 @pytest.fixture
 def full_disk():
-    """No file can grow past a few bytes, as on a disk that is full."""
+    """While `command` runs, no file can grow past a few bytes, as on a disk that is full."""
+
+
+@contextmanager
+def _no_file_past(size):
+    """Limits the length of every file that this process writes; pytest's own report is one."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (200, hard))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft if size is None else size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
