@@ -8,8 +8,11 @@ def test_only_measured_times_are_left_out():
         timeless("demo", "table.csv", TABLE % times) for times in ((b"1", b"2"), (b"3", b"4"))
     )
     assert first == second == b"references aligned,correct\n5,31"
-    printed = b"| correct | 31 |\n| mean time per scan | %s ms |\n"
-    assert timeless("demo", "standard output", printed % b"8.6") == b"| correct | 31 |"
+    printed = (
+        b"| correct |  31 |\n| mean time | 8.6 ms |",
+        b"| correct | 31 |\n| mean time | 9 ms |",
+    )
+    assert {timeless("demo", "standard output", each) for each in printed} == {b"| correct | 31 |"}
     assert timeless("sweep", "times.csv", b"piece,seconds\n") == b""
     assert timeless("sweep", "sweep.csv", b"hits\n0.5\n") == b"hits\n0.5\n"
 
