@@ -41,7 +41,8 @@ def most_alike(
     signatures = catalogue.signatures(batch.pad(max(catalogue.slots, batch.ranges.shape[-1])))
     slots = bucket(len(signatures), smallest=1)
     padding = [(0, slots - len(signatures)), (0, 0)]
-    signatures, excluded = jax.device_put((np.pad(signatures, padding), np.pad(excluded, padding)))
+    excluded = np.pad(excluded, padding, constant_values=-1)
+    signatures, excluded = jax.device_put((np.pad(signatures, padding), excluded))
     likeness = np.full((slots, count), _NONE, np.float32)
     best = np.full((slots, count), -1, np.int32)
     with single_precision():

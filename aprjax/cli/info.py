@@ -13,9 +13,10 @@ from aprjax.anchors.extract import Anchors, ExtractionConfig, extract
 from aprjax.cli.errors import CommandError
 from aprjax.cli.inputs import add_topic_options, holds_references, open_references, read_entries
 from aprjax.cli.map import map_facts, open_map
+from aprjax.io.bag_file import Topic, bag_topics, is_bag
 from aprjax.io.log import LogError, LogReport
 from aprjax.io.reference_file import VERSION
-from aprjax.io.rosbag import LASER_TYPES, ODOMETRY, Topic, bag_topics, is_bag
+from aprjax.io.rosbag import LASER_TYPES, ODOMETRY
 from aprjax.numerics import single_precision
 from aprjax.scan import Scan
 from aprjax.world.store import VERSION as MAP_VERSION

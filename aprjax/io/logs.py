@@ -5,9 +5,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
+from aprjax.io.bag_file import is_bag
 from aprjax.io.carmen import read_carmen
 from aprjax.io.log import Log, LogError
-from aprjax.io.rosbag import is_bag, read_bag
+from aprjax.io.rosbag import read_bag
 
 
 def read_log(

@@ -5,14 +5,14 @@ As with CARMEN logs, a first pass surveys the bag, and every iteration streams i
 
 import math
 import os
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
+from aprjax.io.bag_file import Topic, messages_of, opened, topics_of
 from aprjax.io.log import LISTED, Log, LogEntry, LogError, LogReport
 from aprjax.io.ranging import BINS, in_millimetres, saturation_value
 from aprjax.io.transforms import TransformTree, planar, pose_matrix
@@ -27,29 +27,6 @@ _OLD_TRANSFORMS = "tf/msg/tfMessage"
 _TF = "/tf"
 _TILT = math.radians(20.0)  # of a scanner's axis, beyond which its scans lie in no plane of the map
 _BASES = ("base_footprint", "base_link")
-_MAGIC = {b"#ROSBAG V": ".bag", b"\x89MCAP": ".mcap", b"SQLite format 3": ".db3"}
-
-
-@dataclass(frozen=True)
-class Topic:
-    """A topic of a bag."""
-
-    name: str
-    kind: str
-    """The type of its messages, such as sensor_msgs/msg/LaserScan."""
-    messages: int
-
-
-def is_bag(path: str | os.PathLike[str]) -> bool:
-    """Whether a file begins as a bag does; every folder is taken for one."""
-    path = Path(path)
-    return path.is_dir() or _suffix(path) is not None
-
-
-def bag_topics(path: str | os.PathLike[str]) -> list[Topic]:
-    """The topics of a bag by their names. Raises `LogError` as `read_bag` does."""
-    with _opened(Path(path)) as reader:
-        return _topics(reader)
 
 
 def read_bag(
@@ -79,8 +56,8 @@ def read_bag(
     has to be chosen, no intact scan, and a laser that is tilted.
     """
     path = Path(path)
-    with _opened(path) as reader:
-        topics = _topics(reader)
+    with opened(path) as reader:
+        topics = topics_of(reader)
         chosen = _choose_lasers(path, topics, lasers)
         source = _choose_odometry(path, topics, odometry)
         survey = _survey(path, reader, chosen, source, strict)
@@ -109,10 +86,10 @@ class BagLog(Log):
         self._mounts = mounts
 
     def __iter__(self) -> Iterator[LogEntry]:
-        with _opened(self.path) as reader:
+        with opened(self.path) as reader:
             numbers = dict.fromkeys(self.report.lasers, 0)
             found = 0
-            for topic, time, read in _messages(self.path, reader, self.report.lasers):
+            for topic, time, read in messages_of(self.path, reader, self.report.lasers):
                 numbers[topic] += 1
                 try:
                     reading = _reading(read(), time)
@@ -212,7 +189,7 @@ def _survey(
 ) -> _Survey:
     report = LogReport(kind="ROS bag", unit="message", lasers=lasers)
     survey = _Survey(report, {topic: np.zeros(BINS, np.int64) for topic in lasers})
-    topics = _topics(reader)
+    topics = topics_of(reader)
     report.lines = sum(topic.messages for topic in topics)
     report.messages.update({topic.name: topic.messages for topic in topics})
     report.other_lasers = sum(
@@ -222,7 +199,7 @@ def _survey(
     wanted = {*lasers, *transforms, *([source] if source else [])}
     numbers = dict.fromkeys(wanted, 0)
     moved = 0
-    for topic, time, read in _messages(path, reader, tuple(wanted)):
+    for topic, time, read in messages_of(path, reader, tuple(wanted)):
         numbers[topic] += 1
         try:
             message = read()
@@ -381,80 +358,3 @@ def _choose_odometry(
 
 def _listed(topics: list[Topic]) -> str:
     return ", ".join(f"{topic.name} ({topic.kind})" for topic in topics[:20]) or "no topic at all"
-
-
-def _topics(reader: Any) -> list[Topic]:
-    return [
-        Topic(name, info.msgtype or "", info.msgcount)
-        for name, info in sorted(reader.topics.items())
-    ]
-
-
-def _messages(
-    path: Path, reader: Any, topics: Sequence[str]
-) -> Iterator[tuple[str, int, Callable[[], Any]]]:
-    """Topic, time in nanoseconds, and a function that reads the message or raises `ValueError`."""
-    connections = [each for each in reader.connections if each.topic in topics]
-    messages = reader.messages(connections=connections)
-    count = 0
-    while True:
-        # Damage shows as whatever the storage's own parsers stumble over.
-        try:
-            connection, time, data = next(messages)
-        except StopIteration:
-            return
-        except Exception as error:
-            raise LogError(
-                f"{path}: cut off or damaged after {count} messages: {_line(error)}"
-            ) from None
-        count += 1
-
-        def read(connection: Any = connection, data: Any = data) -> Any:
-            try:
-                return reader.deserialize(data, connection.msgtype)
-            except Exception as error:
-                raise ValueError(_line(error)) from None
-
-        yield connection.topic, time, read
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[Any]:
-    """The bag's reader."""
-    if path.is_dir() and not (path / "metadata.yaml").is_file():
-        raise LogError(f"{path}: a folder without metadata.yaml, so not a bag of ROS 2")
-    try:
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError:
-        raise LogError(
-            f"{path}: reading a bag asks for the rosbags package: pip install 'aprjax[rosbag]'"
-        ) from None
-    suffix = _suffix(path)
-    if suffix is not None and path.suffix != suffix:
-        raise LogError(f"{path}: a bag, but its name does not end in {suffix}")
-    try:
-        # The messages read here are the same in every ROS 2 there was.
-        reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
-        reader.open()
-    except Exception as error:
-        raise LogError(f"{path}: not a readable bag: {_line(error)}") from None
-    try:
-        yield reader
-    finally:
-        reader.close()
-
-
-def _suffix(path: Path) -> str | None:
-    """The suffix that a bag file should have, None for any other file and for a folder."""
-    try:
-        with path.open("rb") as file:
-            head = file.read(16)
-    except OSError:
-        return None
-    return next((suffix for magic, suffix in _MAGIC.items() if head.startswith(magic)), None)
-
-
-def _line(error: Exception) -> str:
-    """The first line of an error's message."""
-    return (str(error).strip() or type(error).__name__).splitlines()[0][:200]

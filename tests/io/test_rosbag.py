@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import aprjax
+from aprjax.io.bag_file import bag_topics, is_bag
 from aprjax.io.log import LogError
-from aprjax.io.rosbag import bag_topics, is_bag
 from tests.io.bags import STORAGES, Bag
 
 RANGES = np.linspace(1.0, 5.0, 181)

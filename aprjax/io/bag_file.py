@@ -1,0 +1,112 @@
+"""The file or folder of a ROS bag: its topics, and its messages one by one."""
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from aprjax.io.log import LogError
+
+_MAGIC = {b"#ROSBAG V": ".bag", b"\x89MCAP": ".mcap", b"SQLite format 3": ".db3"}
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a bag."""
+
+    name: str
+    kind: str
+    """The type of its messages, such as sensor_msgs/msg/LaserScan."""
+    messages: int
+
+
+def is_bag(path: str | os.PathLike[str]) -> bool:
+    """Whether a file begins as a bag does; every folder is taken for one."""
+    path = Path(path)
+    return path.is_dir() or _suffix(path) is not None
+
+
+def bag_topics(path: str | os.PathLike[str]) -> list[Topic]:
+    """The topics of a bag by their names. Raises `LogError` as `read_bag` does."""
+    with opened(Path(path)) as reader:
+        return topics_of(reader)
+
+
+def topics_of(reader: Any) -> list[Topic]:
+    """The topics of an open bag by their names."""
+    return [
+        Topic(name, info.msgtype or "", info.msgcount)
+        for name, info in sorted(reader.topics.items())
+    ]
+
+
+def messages_of(
+    path: Path, reader: Any, topics: Sequence[str]
+) -> Iterator[tuple[str, int, Callable[[], Any]]]:
+    """Topic, time in nanoseconds, and a function that reads the message or raises `ValueError`."""
+    connections = [each for each in reader.connections if each.topic in topics]
+    messages = reader.messages(connections=connections)
+    count = 0
+    while True:
+        # Damage shows as whatever the storage's own parsers stumble over.
+        try:
+            connection, time, data = next(messages)
+        except StopIteration:
+            return
+        except Exception as error:
+            raise LogError(
+                f"{path}: cut off or damaged after {count} messages: {_line(error)}"
+            ) from None
+        count += 1
+
+        def read(connection: Any = connection, data: Any = data) -> Any:
+            try:
+                return reader.deserialize(data, connection.msgtype)
+            except Exception as error:
+                raise ValueError(_line(error)) from None
+
+        yield connection.topic, time, read
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[Any]:
+    """The bag's reader."""
+    if path.is_dir() and not (path / "metadata.yaml").is_file():
+        raise LogError(f"{path}: a folder without metadata.yaml, so not a bag of ROS 2")
+    try:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        raise LogError(
+            f"{path}: reading a bag asks for the rosbags package: pip install 'aprjax[rosbag]'"
+        ) from None
+    suffix = _suffix(path)
+    if suffix is not None and path.suffix != suffix:
+        raise LogError(f"{path}: a bag, but its name does not end in {suffix}")
+    try:
+        # The messages read here are the same in every ROS 2 there was.
+        reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+        reader.open()
+    except Exception as error:
+        raise LogError(f"{path}: not a readable bag: {_line(error)}") from None
+    try:
+        yield reader
+    finally:
+        reader.close()
+
+
+def _suffix(path: Path) -> str | None:
+    """The suffix that a bag file should have, None for any other file and for a folder."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(16)
+    except OSError:
+        return None
+    return next((suffix for magic, suffix in _MAGIC.items() if head.startswith(magic)), None)
+
+
+def _line(error: Exception) -> str:
+    """The first line of an error's message."""
+    return (str(error).strip() or type(error).__name__).splitlines()[0][:200]
