@@ -1,12 +1,14 @@
 """What is known of a scan before it is compared with any other."""
 
 import equinox as eqx
+from jaxtyping import Array, Float
 
 from aprjax.anchors.extract import Anchors, ExtractionConfig, choose_anchors
 from aprjax.anchors.segment import segment
 from aprjax.anchors.surface import surface
 from aprjax.evaluation.raster import Raster, RasterConfig, raster
 from aprjax.evaluation.screen import Sketch, SketchConfig, sketch
+from aprjax.evaluation.signature import discriminant, signature
 from aprjax.evaluation.view import View, ViewConfig, view
 from aprjax.relations.graph import AnchorGraph, anchor_graph
 from aprjax.relations.histograms import EdgeHistogram, RelationConfig, edge_histogram
@@ -24,7 +26,7 @@ class FeatureConfig(eqx.Module):
 
 
 class Features(eqx.Module):
-    """One scan's anchors, their graph, its edges by length, its surfaces and two drawings."""
+    """One scan's anchors, their graph, its edges by length, its surfaces, and their look."""
 
     anchors: Anchors
     graph: AnchorGraph
@@ -32,6 +34,7 @@ class Features(eqx.Module):
     view: View
     raster: Raster
     sketch: Sketch
+    signature: Float[Array, "*batch size"]
 
 
 def seen(scan: Scan, config: FeatureConfig) -> View:
@@ -54,4 +57,5 @@ def describe(scan: Scan, config: FeatureConfig) -> Features:
         view=surfaces,
         raster=raster(surfaces, config.raster),
         sketch=sketch(surfaces, config.sketch),
+        signature=signature(surfaces, discriminant()),
     )

@@ -126,6 +126,15 @@ def running_min_from_end(values: Int[Array, " n"]) -> Int[Array, " n"]:
     return -running_max(-values[::-1])[::-1]
 
 
+def first_max(values: Float[Array, " n"]) -> Int[Array, ""]:
+    """Where the greatest value is, the first of equals.
+
+    XLA on a CPU vectorises a maximum and a minimum, but not `argmax`.
+    """
+    index = jnp.arange(values.shape[0])
+    return jnp.min(jnp.where(values == jnp.max(values), index, values.shape[0] - 1))
+
+
 def safe_norm(vector: Float[Array, "... d"]) -> Float[Array, "..."]:
     """Euclidean norm over the last axis whose gradient at the origin is zero, not NaN.
 

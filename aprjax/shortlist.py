@@ -16,6 +16,7 @@ from aprjax.alignment.voting import Votes
 from aprjax.configuration import capacity, threshold
 from aprjax.evaluation.raster import GlanceConfig, RasterConfig, glance
 from aprjax.evaluation.screen import ScreenConfig, screen
+from aprjax.evaluation.signature import likeness
 from aprjax.features import Features
 from aprjax.numerics import square_gaps
 from aprjax.refine import RefineConfig, settle
@@ -26,11 +27,12 @@ class ShortlistConfig(eqx.Module):
     """The looks, and how many alternatives pass each."""
 
     glance: GlanceConfig = GlanceConfig()
+    alike: Float[Array, ""] = threshold(2.0, "how much the likeness of the places counts")
     settle: RefineConfig = RefineConfig(points=48, iterations=3)
     closer: ScreenConfig = ScreenConfig()
     distance: Float[Array, ""] = threshold(0.1, "metres up to which two poses are one")
     angle: Float[Array, ""] = threshold(0.05, "radians, likewise")
-    passed: int = capacity(192, "alternatives that pass the glance, over all references")
+    passed: int = capacity(96, "alternatives that pass the glance, over all references")
     kept: int = capacity(24, "alternatives that pass the second look")
 
     def __check_init__(self) -> None:
@@ -101,8 +103,11 @@ def glances(
     raster_config: RasterConfig,
     config: ShortlistConfig,
 ) -> Float[Array, " poses"]:
-    """How well each pose looks at a glance."""
-    return jax.vmap(glance, (None, 0, None, 0, 0, None, None))(
+    """How well each pose looks at a glance: its drawings, and how like the two places are.
+
+    Likeness is a logarithm of odds: it tells which references are near, whatever the pose.
+    """
+    drawn = jax.vmap(glance, (None, 0, None, 0, 0, None, None))(
         references.raster,
         votes.row,
         query.raster,
@@ -111,6 +116,8 @@ def glances(
         raster_config,
         config.glance,
     )
+    alike = likeness(references.signature, query.signature)
+    return drawn * jnp.exp(config.alike * alike)[votes.row]
 
 
 def pass_on(votes: Votes, score: Float[Array, " poses"], config: ShortlistConfig) -> Votes:

@@ -8,7 +8,7 @@ them, when a quarter of doors and furniture stand elsewhere. A reference is righ
 within 2 m and 40° of the query on its floor.
 
 Each query ranks the references of its own floor and of more and more others, by the paper's q_m
-and by the signature of `aprjax.catalogue` that succeeds it. Then queries are matched with the
+and by the signature of `aprjax.evaluation` that succeeds it. Then queries are matched with the
 catalogue of all. Floors are made, and their scans taken, some at a time; that is not timed. Writes
 into DIR:
 

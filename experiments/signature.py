@@ -1,4 +1,4 @@
-"""The discriminant of the catalogue's signatures, from simulated floors.
+"""The discriminant of the signatures, from simulated floors.
 
     python -m experiments signature --out DIR [--quick]
 
@@ -7,7 +7,7 @@ one place, taken within 2 m and 40° of each other, some of them after furniture
 by what a signature should not depend on; those of all scans by what it may. The axes are those
 along which all differ most, measured by how one place's do (Fisher's linear discriminant). Those
 of one place are regularised by a hundredth of their greatest variance. Writes `mean` and `axes` of
-300 floors, with --quick of 3, into DIR/discriminant.npz; that of `aprjax/catalogue` was made so.
+300 floors, with --quick of 3, into DIR/discriminant.npz; that of `aprjax/evaluation` was made so.
 """
 
 import argparse
@@ -18,7 +18,7 @@ import jax
 import numpy as np
 
 import aprjax
-from aprjax.catalogue.signature import pair_histogram
+from aprjax.evaluation.signature import pair_histogram
 from aprjax.features import seen
 from aprjax.io.atomic import atomic_write
 from aprjax.metrics import relative

@@ -7,6 +7,7 @@ from aprjax.numerics import (
     arctan2,
     bucket,
     dot,
+    first_max,
     running_max,
     running_min_from_end,
     safe_arctan2,
@@ -100,6 +101,11 @@ def test_arctan2_is_that_of_numpy_in_every_direction_and_at_every_scale():
 def test_arctan2_on_the_axis_is_that_of_numpy(y, x):
     found = float(arctan2(jnp.float32(y), jnp.float32(x)))
     assert found == pytest.approx(np.arctan2(y, x), abs=1e-6)
+
+
+@pytest.mark.parametrize("values", [[3.0], [1.0, 4.0, 4.0, 2.0], [-np.inf, -np.inf], [0.0, -0.0]])
+def test_the_first_maximum_is_that_of_numpy(values):
+    assert int(first_max(jnp.asarray(values, jnp.float32))) == np.argmax(values)
 
 
 def test_products_totals_and_gaps_are_those_of_numpy():

@@ -101,6 +101,23 @@ def test_of_equal_glances_the_one_with_more_votes_passes(scene):
     np.testing.assert_array_equal(found.rating, rating[:2])
 
 
+def test_of_equal_glances_those_at_the_place_more_like_the_query_pass(scene):
+    votes, references, query, raster = scene
+    rows = np.asarray(votes.row)
+    ours = int(np.flatnonzero((rows == 0) & (metres_off(votes.T_ref_query, rows) < 1))[0])
+    votes = jax.tree.map(lambda array: array[np.full(12, ours)], votes)
+    votes = eqx.tree_at(lambda v: v.row, votes, jnp.asarray(rows))
+    blank = jax.tree.map(lambda array: jnp.zeros_like(array) + array[:1], references)
+    signature = jnp.zeros_like(blank.signature).at[2].set(query.signature)
+    alike = eqx.tree_at(lambda r: r.signature, blank, signature)
+    found = _glance_through(votes, alike, query, raster, ShortlistConfig(passed=12))
+    there = rows.tolist().count(2)
+    assert found.row[:there].tolist() == [2] * there
+    off = ShortlistConfig(passed=12, alike=0.0)
+    found = _glance_through(votes, alike, query, raster, off)
+    assert found.row[:there].tolist() != [2] * there
+
+
 def test_votes_that_are_not_valid_pass_after_all_others_and_are_not_kept(scene):
     votes, references, query, raster = scene
     at_first = np.flatnonzero(np.asarray(votes.row) == 0)[1]

@@ -36,17 +36,25 @@ class Candidates(eqx.Module):
         """The `size` most salient, any two at least `apart` metres from each other.
 
         A candidate nearer than that to a more salient one is the same point seen twice. Also
-        returns how many distinct points did not fit, counted up to `size`.
+        returns how many distinct points did not fit, counted up to `size`. Of all candidates, the
+        most salient quarter is looked at: there is room for three at each hit, where hardly any
+        hit is one.
         """
+        salience = jnp.where(self.valid, self.salience, -jnp.inf)
+        salience, order = jax.lax.top_k(salience, min(max(len(salience) // 4, 128), len(salience)))
+        x, y = self.xy[order, 0], self.xy[order, 1]
+        none = len(order)
 
         def choose(left, _):
-            pick = jnp.argmax(left)
-            gap = self.xy - self.xy[pick][None, :]
-            far = jnp.sum(gap * gap, axis=-1) >= apart**2
-            return jnp.where(far, left, -jnp.inf), (pick, left[pick] > -jnp.inf)
+            first = jnp.min(left)
+            pick = jnp.minimum(first, none - 1)
+            same = (x - x[pick]) ** 2 + (y - y[pick]) ** 2 < apart**2
+            return jnp.where(same | (left == first), none, left), first
 
-        left = jnp.where(self.valid, self.salience, -jnp.inf)
-        _, (chosen, valid) = jax.lax.scan(choose, left, length=2 * size)
-        picked = jax.tree.map(lambda array: array[chosen[:size]], self)
+        left = jnp.where(salience > -jnp.inf, jnp.arange(none), none)
+        _, first = jax.lax.scan(choose, left, length=2 * size)
+        valid = first < none
+        chosen = order[jnp.minimum(first[:size], none - 1)]
+        picked = jax.tree.map(lambda array: array[chosen], self)
         overflow = jnp.sum(valid[size:], dtype=jnp.int32)
         return eqx.tree_at(lambda c: c.valid, picked, valid[:size]), overflow

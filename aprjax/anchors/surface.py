@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Int
 
 from aprjax.anchors.segment import Segments
 from aprjax.configuration import capacity, threshold
-from aprjax.numerics import safe_arctan2
+from aprjax.numerics import safe_arctan2, take
 
 
 class SurfaceConfig(eqx.Module):
@@ -48,36 +48,51 @@ class Surface(eqx.Module):
     through: Face
 
 
+class _Samples(eqx.Module):
+    """Hits on a surface near each entry, sample by sample: XLA on a CPU vectorises over entries."""
+
+    x: Float[Array, "*samples slots"]
+    """Metres from the entry's own hit; zero where not used."""
+    y: Float[Array, "*samples slots"]
+    used: Float[Array, "*samples slots"]
+    """1 or 0."""
+
+
 def surface(segments: Segments, config: SurfaceConfig) -> Surface:
     """Line fits for every entry of one segmented scan; entries that are no hit get zeros."""
     room = jnp.stack([segments.before, segments.after])
-    before, after = jax.vmap(_side, (None, 0, 0, None))(segments, room, jnp.array([-1, 1]), config)
-    middle = jnp.concatenate(
-        [segments.xy[:, None], jnp.ones_like(segments.xy[:, None, :1])], axis=-1
-    )
-    middle = jnp.where(segments.hit[:, None, None], middle, 0.0)
-    through = jnp.concatenate([before, middle, after], axis=1)
-    sides = jax.vmap(_fit, (0, None))(jnp.stack([before, after]), segments.xy)
-    before, after = (jax.tree.map(lambda array: array[k], sides) for k in range(2))  # noqa: B023
+    sides = jax.vmap(_side, (None, 0, 0, None))(segments, room, jnp.array([-1, 1]), config)
+    fitted = jax.vmap(_fit, (0, None))(sides, segments.xy)
+    before, after = (jax.tree.map(lambda array: array[k], fitted) for k in range(2))  # noqa: B023
+    hit = segments.hit.astype(jnp.float32)[None]
+    itself = _Samples(jnp.zeros_like(hit), jnp.zeros_like(hit), hit)
+    through = jax.tree.map(lambda two, one: jnp.concatenate([*two, one]), sides, itself)
     return Surface(before, after, _fit(through, segments.xy))
 
 
 def _side(
     segments: Segments, room: Int[Array, " slots"], sign: Int[Array, ""], config: SurfaceConfig
-) -> Float[Array, "slots samples 3"]:
-    """Hits to one side within the window: x, y and weight 1, or zeros."""
-    index = jnp.arange(segments.xy.shape[0])
+) -> _Samples:
+    """Hits to one side within the window, `(samples, slots)`."""
+    x, y = segments.xy[:, 0], segments.xy[:, 1]
+    index = jnp.arange(x.shape[0])
+
+    def from_here(count):
+        """To the hit so many beams on, for one count or several of each entry."""
+        here_x, here_y, here = (jnp.broadcast_to(each, count.shape) for each in (x, y, index))
+        there = here + sign * count
+        return take(x, there) - here_x, take(y, there) - here_y
 
     def square(count):
-        chord = segments.xy[index + sign * count] - segments.xy
-        return jnp.sum(chord * chord, axis=-1)
+        dx, dy = from_here(count)
+        return dx * dx + dy * dy
 
     window = jnp.maximum(config.window**2, config.spacings**2 * square(jnp.minimum(room, 1)))
 
     # Chords grow along a surface, so the window's last beam is found by bisection; but not
     # right around a room, so that an eighth of a turn is the most that is looked at.
     eighth = jnp.ceil(0.25 * np.pi / jnp.abs(segments.angle_increment))
-    slots = segments.xy.shape[0]
+    slots = x.shape[0]
     room = jnp.minimum(room, jnp.minimum(eighth, slots).astype(jnp.int32))
     bits = (slots // 2).bit_length()
 
@@ -87,25 +102,23 @@ def _side(
 
     count = jax.lax.fori_loop(jnp.int32(0), bits, halve, jnp.zeros_like(room))
 
-    k = jnp.arange(1, config.samples + 1)[None, :]
-    offset = -(-k * count[:, None] // config.samples)
-    earlier = -(-(k - 1) * count[:, None] // config.samples)
-    used = (offset > earlier) & segments.hit[:, None]
-    xy = segments.xy[index[:, None] + sign * offset]
-    points = jnp.concatenate([xy, jnp.ones_like(xy[..., :1])], axis=-1)
-    return jnp.where(used[..., None], points, 0.0)
+    k = jnp.arange(1, config.samples + 1)[:, None]
+    offset = -(-k * count[None] // config.samples)
+    earlier = -(-(k - 1) * count[None] // config.samples)
+    used = (offset > earlier) & segments.hit[None]
+    dx, dy = from_here(offset)
+    return _Samples(jnp.where(used, dx, 0.0), jnp.where(used, dy, 0.0), used.astype(jnp.float32))
 
 
-def _fit(points: Float[Array, "slots samples 3"], origin: Float[Array, "slots 2"]) -> Face:
-    """Total least squares lines through weighted points, from moments about `origin`."""
-    weight = points[..., 2]
-    x, y = jnp.moveaxis((points[..., :2] - origin[:, None]) * weight[..., None], -1, 0)
-    count = jnp.sum(weight, axis=-1)
+def _fit(samples: _Samples, origin: Float[Array, "slots 2"]) -> Face:
+    """Total least squares lines through the samples of each entry, whose hit is its `origin`."""
+    x, y = samples.x, samples.y
+    count = jnp.sum(samples.used, axis=0)
     share = 1.0 / jnp.maximum(count, 1.0)
-    mean_x, mean_y = jnp.sum(x, axis=-1) * share, jnp.sum(y, axis=-1) * share
-    xx = jnp.sum(x * x, axis=-1) * share - mean_x**2
-    yy = jnp.sum(y * y, axis=-1) * share - mean_y**2
-    xy = jnp.sum(x * y, axis=-1) * share - mean_x * mean_y
+    mean_x, mean_y = jnp.sum(x, axis=0) * share, jnp.sum(y, axis=0) * share
+    xx = jnp.sum(x * x, axis=0) * share - mean_x**2
+    yy = jnp.sum(y * y, axis=0) * share - mean_y**2
+    xy = jnp.sum(x * y, axis=0) * share - mean_x * mean_y
     half = jnp.sqrt(jnp.maximum(0.25 * (xx - yy) ** 2 + xy**2, 1e-12))
     mean = 0.5 * (xx + yy)
     return Face(

@@ -16,7 +16,7 @@ from aprjax.anchors.candidates import Candidates, Kind
 from aprjax.anchors.segment import Segments
 from aprjax.anchors.surface import Surface
 from aprjax.configuration import capacity, threshold
-from aprjax.numerics import safe_arctan2, wrap
+from aprjax.numerics import first_max, safe_arctan2, wrap
 
 
 class VirtualEdgeConfig(eqx.Module):
@@ -107,7 +107,7 @@ def _peak_directions(
     middle = (jnp.arange(config.direction_bins).astype(jnp.float32) + 0.5) * width - np.pi / 2
 
     def choose(histogram, _):
-        angle = middle[jnp.argmax(histogram)]
+        angle = middle[first_max(histogram)]
         near = jnp.abs(wrap(middle - angle, np.pi)) <= config.spread
         return jnp.where(near, 0.0, histogram), angle
 
@@ -140,7 +140,7 @@ def _lines_along(
     middle = (jnp.arange(-half, config.offset_bins - half).astype(jnp.float32) + 0.5) * bin_width
 
     def choose(histogram, _):
-        peak = middle[jnp.argmax(histogram)]
+        peak = middle[first_max(histogram)]
         return jnp.where(jnp.abs(middle - peak) <= 1.5 * config.width, 0.0, histogram), peak
 
     _, peaks = jax.lax.scan(choose, histogram, length=config.lines)

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from aprjax.catalogue.signature import Discriminant, discriminant, signature
+from aprjax.evaluation.signature import Discriminant, discriminant, signature
 from aprjax.features import FeatureConfig, seen
 from aprjax.numerics import bucket, single_precision
 from aprjax.references import as_stack, joined, rows_of

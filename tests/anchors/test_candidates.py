@@ -42,6 +42,17 @@ def test_the_choice_equals_the_greedy_loop(seed, size):
     assert (int(overflow) > 0) == left
 
 
+def test_the_choice_among_hundreds_equals_the_greedy_loop_up_to_a_quarter_of_them():
+    rng = np.random.default_rng(3)
+    corners = rng.uniform(-8, 8, (25, 2))
+    xy = (corners[rng.integers(25, size=1000)] + rng.normal(0, 0.05, (1000, 2))).astype(np.float32)
+    salience, valid = rng.random(1000), np.arange(1000) % 4 == 0
+    picked, overflow = best(candidates(xy, salience, valid), 16, jnp.float32(0.5))
+    chosen, left = greedy(xy, np.float32(salience), valid, 16, 0.5)
+    np.testing.assert_array_equal(picked.xy, xy[chosen])
+    assert (int(overflow) > 0) == left
+
+
 def test_the_chosen_are_most_salient_first_and_apart():
     rng = np.random.default_rng(4)
     picked, _ = best(candidates(rng.uniform(-1, 1, (60, 2)), rng.random(60)), 12, jnp.float32(0.4))

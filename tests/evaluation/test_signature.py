@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from aprjax.catalogue.signature import BINS, discriminant, pair_histogram, signature
+from aprjax.evaluation.signature import BINS, discriminant, pair_histogram, signature
 from aprjax.features import FeatureConfig, seen
 from aprjax.scan import Scan
 from tests.oracles import signature as oracle

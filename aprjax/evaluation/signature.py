@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.evaluation.view import View
+from aprjax.numerics import HIGHEST
 
 REACH = 10.0
 """Metres between points, beyond which no pair counts."""
@@ -43,7 +44,7 @@ class Discriminant(NamedTuple):
 @cache
 def discriminant() -> Discriminant:
     """The one that comes with the package."""
-    with resources.files("aprjax.catalogue").joinpath("discriminant.npz").open("rb") as file:
+    with resources.files("aprjax.evaluation").joinpath("discriminant.npz").open("rb") as file:
         stored = np.load(file)
         return Discriminant(*(stored[name].astype(np.float32) for name in Discriminant._fields))
 
@@ -57,6 +58,13 @@ def signature(view: View, discriminant: Discriminant) -> Float[Array, " size"]:
     kept = jnp.sum((pairs - discriminant.mean)[:, None] * discriminant.axes, axis=0)
     length = jnp.sqrt(jnp.sum(kept * kept))
     return jnp.where(jnp.any(pairs > 0), kept / jnp.maximum(length, 1e-9), 0.0)
+
+
+def likeness(
+    signatures: Float[Array, "*rows size"], signature: Float[Array, " size"]
+) -> Float[Array, "*rows"]:
+    """How like the places of several signatures are to that of another one, in [-1, 1]."""
+    return jnp.matmul(signatures, signature, precision=HIGHEST)
 
 
 def pair_histogram(view: View) -> Float[Array, " bins"]:
