@@ -1,12 +1,13 @@
-"""Which references come first: q_m of the paper, plain c_m, and the votes that succeed them.
+"""Which references come first: by q_m of the paper, plain c_m, votes for poses, or signatures.
 
     python experiments/preselection.py --out DIR [--quick] [SPLIT ...]
 
 The paper aligns the references of the highest q_m = c_m² / (k_act k_m), c_m being the pairs of
 edges of corresponding length, and says that this keeps big graphs from becoming more attractive
 only due to accidental correspondences (2.B). Here each mapped query of a split (see `data.py` for
-where) ranks a set of references by c_m, by q_m, and by the best rated pose that edges vote for in
-each (`aprjax.alignment.voting`). A reference is right that was taken within 2 m and 40° of the
+where) ranks a set of references by c_m, by q_m, by the best rated pose that edges vote for in each
+(`aprjax.alignment.voting`), and by how like the places' signatures are
+(`aprjax.evaluation.signature`). A reference is right that was taken within 2 m and 40° of the
 query. The set is all references, or some of them drawn at random; queries without a right
 reference in it do not count. Writes into DIR:
 
@@ -32,6 +33,7 @@ from outputs import print_table, write_configuration, write_figure, write_table
 
 import aprjax
 from aprjax.alignment.voting import vote
+from aprjax.evaluation.signature import likeness
 from aprjax.features import Features
 from aprjax.metrics import relative
 from aprjax.references import ReferenceIndex
@@ -48,18 +50,20 @@ SPLITS = (
 NEAR_DISTANCE, NEAR_ANGLE = 2.0, np.radians(40)  # of a right reference
 SIZES = (10, 20, 40, 80)
 FIRST = (1, 5, 10, 20)
-MEASURES = {"c_m": "#c1272d", "q_m": "#1f5fa8", "votes": "#2a8a3e"}
+MEASURES = {"c_m": "#c1272d", "q_m": "#1f5fa8", "votes": "#2a8a3e", "signature": "#8a5a00"}
 SEED = 0
 
 
 @jax.jit
-def _of_edges(queries: Features, references: ReferenceIndex) -> tuple[Array, Array]:
-    """c_m and q_m `(queries, rows)`."""
+def _of_scans(queries: Features, references: ReferenceIndex) -> dict[str, Array]:
+    """c_m, q_m and the likeness of signatures, `(queries, rows)` each."""
     relation, known = references.config.relation, references.features.histogram
-    return (
-        count_correspondences(queries.histogram, known, relation),
-        preselection_quality(queries.histogram, known, relation),
-    )
+    signatures = references.features.signature
+    return {
+        "c_m": count_correspondences(queries.histogram, known, relation),
+        "q_m": preselection_quality(queries.histogram, known, relation),
+        "signature": jax.vmap(likeness, (None, 0))(signatures, queries.signature),
+    }
 
 
 @jax.jit
@@ -99,7 +103,7 @@ def measured(split: Split, sizes: tuple[int, ...]) -> list[dict]:
     T_ref_query = relative(split.T_world_ref[None], split.T_world_query[split.mapped][:, None])
     right = np.hypot(T_ref_query[..., 0], T_ref_query[..., 1]) <= NEAR_DISTANCE
     right &= np.abs(T_ref_query[..., 2]) <= NEAR_ANGLE
-    of_edges = dict(zip(("c_m", "q_m"), map(np.asarray, _of_edges(queries, index)), strict=True))
+    of_scans = jax.device_get(_of_scans(queries, index))
     k_m = np.asarray(index.features.histogram.edges)[:count]
 
     rng, rows = np.random.default_rng(SEED), []
@@ -111,7 +115,7 @@ def measured(split: Split, sizes: tuple[int, ...]) -> list[dict]:
         able = np.flatnonzero(right[:, chosen].any(axis=1))
         if not len(able):
             continue
-        for measure, scores in {**of_edges, "votes": np.asarray(votes)}.items():
+        for measure, scores in {**of_scans, "votes": np.asarray(votes)}.items():
             scores = scores[: len(right)][np.ix_(able, chosen)]
             place = rank_of_right(scores, right[np.ix_(able, chosen)])
             first = k_m[chosen][np.argmax(scores, axis=1)]
