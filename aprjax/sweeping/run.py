@@ -35,8 +35,9 @@ from aprjax.relations.histograms import preselection_quality
 from aprjax.scan import Scan
 from aprjax.sweeping.axes import FEATURES, check_names, configured, product
 
-CONFIGURATIONS, QUERIES = 64, 32
-"""At a time, at most, which bounds the memory: a query's alternatives are there for each."""
+CONFIGURATIONS, QUERIES = 64, 8
+"""At a time, at most: a query's alternatives are there for each configuration, and all cores are to
+have an equal share of the queries."""
 
 
 class Keeper(Protocol):
