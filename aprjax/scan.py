@@ -156,17 +156,18 @@ class Scan(eqx.Module):
         ranges = np.asarray(self.ranges)
         if slots < ranges.shape[-1]:
             raise ValueError(f"slots: {slots} is fewer than the {ranges.shape[-1]} there are")
-        if slots == ranges.shape[-1]:
-            return self
-        width = [(0, 0)] * (ranges.ndim - 1) + [(0, slots - ranges.shape[-1])]
-        padded = np.pad(ranges, width, constant_values=np.nan)
+        padded = np.full((*ranges.shape[:-1], slots), np.nan, ranges.dtype)
+        padded[..., : ranges.shape[-1]] = ranges
         return eqx.tree_at(lambda scan: scan.ranges, self, padded)
 
     def pad_batch(self, size: int) -> Self:
-        """A batch padded on the host to `size` scans; the added ones have no beams."""
+        """A batch padded on the host to `size` scans; the added ones have no beams.
+
+        Where there are that many nothing is copied.
+        """
         missing = size - np.shape(self.ranges)[0]
         if missing == 0:
-            return self
+            return type(self)(**{name: np.asarray(getattr(self, name)) for name in _FIELDS})  # pyright: ignore[reportArgumentType]
         if missing < 0:
             raise ValueError(f"size: {size} is fewer than the {np.shape(self.ranges)[0]} there are")
 

@@ -1,7 +1,8 @@
 """From the poses that edges vote for to the few that are worth synthetic scans.
 
-Two cheap looks at ever fewer alternatives. The first, a glance, sees them as edges put them; a
-brief refinement of those that pass lets the second look closer.
+Two cheap looks at ever fewer alternatives. The first, a glance, sees them as edges put them, and
+prefers places that are like the query's from anywhere near (`aprjax.evaluation.signature`); a brief
+refinement of those that pass lets the second look closer.
 """
 
 from typing import NamedTuple
@@ -27,7 +28,7 @@ class ShortlistConfig(eqx.Module):
     """The looks, and how many alternatives pass each."""
 
     glance: GlanceConfig = GlanceConfig()
-    alike: Float[Array, ""] = threshold(2.0, "how much the likeness of the places counts")
+    alike: Float[Array, ""] = threshold(2.0, "log odds for each unit of the places' likeness")
     settle: RefineConfig = RefineConfig(points=48, iterations=3)
     closer: ScreenConfig = ScreenConfig()
     distance: Float[Array, ""] = threshold(0.1, "metres up to which two poses are one")
@@ -103,9 +104,10 @@ def glances(
     raster_config: RasterConfig,
     config: ShortlistConfig,
 ) -> Float[Array, " poses"]:
-    """How well each pose looks at a glance: its drawings, and how like the two places are.
+    """How well each pose looks at a glance, in [0, 1]: its drawings, and how like the places are.
 
-    Likeness is a logarithm of odds: it tells which references are near, whatever the pose.
+    The likeness tells which references are near, whatever the pose; `alike` times it counts as a
+    logarithm of odds.
     """
     drawn = jax.vmap(glance, (None, 0, None, 0, 0, None, None))(
         references.raster,
@@ -117,7 +119,7 @@ def glances(
         config.glance,
     )
     alike = likeness(references.signature, query.signature)
-    return drawn * jnp.exp(config.alike * alike)[votes.row]
+    return drawn * jnp.exp(config.alike * (alike - 1.0))[votes.row]
 
 
 def pass_on(votes: Votes, score: Float[Array, " poses"], config: ShortlistConfig) -> Votes:

@@ -56,7 +56,7 @@ EXPERIMENTS = {
     "real_logs": Experiment("the same on real logs", _file("real_logs")),
     "preselection": Experiment("which references come first (2.B)", _file("preselection")),
     "signature": Experiment(
-        "what tells places apart, for the signatures of a catalogue",
+        "what tells places apart, for signatures",
         ("-m", "experiments.signature"),
     ),
     "million": Experiment(

@@ -115,7 +115,8 @@ def measured(split: Split, sizes: tuple[int, ...]) -> list[dict]:
         able = np.flatnonzero(right[:, chosen].any(axis=1))
         if not len(able):
             continue
-        for measure, scores in {**of_scans, "votes": np.asarray(votes)}.items():
+        for measure in MEASURES:
+            scores = np.asarray(votes) if measure == "votes" else of_scans[measure]
             scores = scores[: len(right)][np.ix_(able, chosen)]
             place = rank_of_right(scores, right[np.ix_(able, chosen)])
             first = k_m[chosen][np.argmax(scores, axis=1)]

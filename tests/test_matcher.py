@@ -10,7 +10,7 @@ import pytest
 from aprjax import batch
 from aprjax.batch import match, match_batch
 from aprjax.evaluation.congruence import CongruenceConfig
-from aprjax.matcher import MatchConfig
+from aprjax.matcher import MatchConfig, preselected
 from aprjax.references import ReferenceSet
 from aprjax.refine import RefineConfig
 from aprjax.relations.histograms import preselection_quality
@@ -467,6 +467,14 @@ def test_the_references_of_the_highest_q_m_are_aligned(scene, result):
     same = chosen & (found.status == result.status)
     assert_same_best(found, result, same, pose=5e-3, quality=0.15)
     np.testing.assert_array_equal(found.reference[chosen, 0], result.reference[chosen, 0])
+
+
+@pytest.mark.parametrize(("top_k", "chosen"), [(None, [1, 2, 3, 4]), (1, [2]), (2, [1, 2])])
+def test_of_equal_q_m_the_lowest_reference_is_preselected(top_k, chosen):
+    measures = np.array([9.0, 0.5, 0.7, 0.5, 0.1], np.float32)
+    answering = np.array([False, True, True, True, True])
+    found = preselected(measures, answering, MatchConfig(top_k=top_k))
+    assert np.flatnonzero(found).tolist() == chosen
 
 
 def test_without_the_cascade_its_hypotheses_are_found_too(scene, result):

@@ -17,6 +17,9 @@ class Kind(enum.IntEnum):
     VIRTUAL_EDGE = 2
 
 
+_FEW = 256  # candidates that are all looked at, those for pairs of lines among them
+
+
 class Candidates(eqx.Module):
     """Points that may become anchors."""
 
@@ -36,14 +39,16 @@ class Candidates(eqx.Module):
         """The `size` most salient, any two at least `apart` metres from each other.
 
         A candidate nearer than that to a more salient one is the same point seen twice. Also
-        returns how many distinct points did not fit, counted up to `size`. Of all candidates, the
-        most salient quarter is looked at: there is room for three at each hit, where hardly any
-        hit is one.
+        returns how many distinct points did not fit, counted up to `size`. The
+        most salient half of the candidates is looked at, and that is all valid ones: of the three
+        that there are for each hit, one at most is (a corner lies inside a part, a jump edge at
+        its end).
         """
         salience = jnp.where(self.valid, self.salience, -jnp.inf)
-        salience, order = jax.lax.top_k(salience, min(max(len(salience) // 4, 128), len(salience)))
+        half = max(salience.shape[0] // 2, _FEW)
+        salience, order = jax.lax.top_k(salience, min(half, salience.shape[0]))
         x, y = self.xy[order, 0], self.xy[order, 1]
-        none = len(order)
+        none = order.shape[0]
 
         def choose(left, _):
             first = jnp.min(left)

@@ -29,7 +29,7 @@ from aprjax.metrics import relative
 from aprjax.references import ReferenceSet
 from aprjax.scan import Scan
 from aprjax.sweeping.axes import check_names
-from aprjax.sweeping.run import Piece, sweep_grid
+from aprjax.sweeping.run import CONFIGURATIONS, QUERIES, Piece, sweep_grid
 
 _MOST = 10_000  # configurations
 _NEAR_DISTANCE, _NEAR_ANGLE = 2.0, np.radians(40)  # of a reference, where a query can be matched
@@ -106,7 +106,10 @@ def run(arguments: argparse.Namespace) -> None:
     # Only best answers are scored.
     config = MatchConfig(cascade=not arguments.no_cascade, hypotheses=1)
     features = references.index.config
-    run_id = fingerprint(queries, references.scans, references.ids, features, config, axes)
+    at_a_time = CONFIGURATIONS, QUERIES
+    run_id = fingerprint(
+        queries, references.scans, references.ids, features, config, axes, at_a_time
+    )
     pieces, done = Pieces(out / "pieces", run_id), []
     count = int(np.prod([len(values) for values in axes.values()]))
     with Progress("sweeping", count * len(mapped)) as progress:

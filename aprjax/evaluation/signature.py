@@ -61,10 +61,10 @@ def signature(view: View, discriminant: Discriminant) -> Float[Array, " size"]:
 
 
 def likeness(
-    signatures: Float[Array, "*rows size"], signature: Float[Array, " size"]
+    signatures: Float[Array, "*rows size"], other: Float[Array, " size"]
 ) -> Float[Array, "*rows"]:
     """How like the places of several signatures are to that of another one, in [-1, 1]."""
-    return jnp.matmul(signatures, signature, precision=HIGHEST)
+    return jnp.matmul(signatures, other, precision=HIGHEST)
 
 
 def pair_histogram(view: View) -> Float[Array, " bins"]:

@@ -36,7 +36,7 @@ _SAYS = {
 _FELL = {
     Stage.NOT_COMPARED: "not compared: excluded, or its q_m is not among the highest",
     Stage.ALIGNMENT: "alignment: too few edges agree on any pose in it",
-    Stage.GLANCE: "glance: other alternatives fit better at first sight",
+    Stage.GLANCE: "glance: other alternatives fit better at first sight, or lie at likelier places",
     Stage.SECOND_LOOK: "second look: too few anchors agree, or other alternatives fit better",
     Stage.EVALUATION: "evaluation: its e_m is too low, or lower than those of the hypotheses",
     Stage.ANSWERED: "nowhere: it is among the hypotheses",

@@ -257,9 +257,15 @@ class _Device:
         known = self.references
         features = known.features
         # All that is compared from here on are views and graphs.
-        others = features.anchors, features.histogram, features.raster, features.sketch
+        others = (
+            features.anchors,
+            features.histogram,
+            features.raster,
+            features.sketch,
+            features.signature,
+        )
         features = eqx.tree_at(
-            lambda f: (f.anchors, f.histogram, f.raster, f.sketch),
+            lambda f: (f.anchors, f.histogram, f.raster, f.sketch, f.signature),
             features,
             jax.tree.map(lambda array: array[:, :0] if array.ndim > 1 else array, others),
         )

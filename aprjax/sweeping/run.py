@@ -88,7 +88,7 @@ def sweep(
     if batch.ranges.ndim != 2 or batch.ranges.shape[0] == 0:
         raise ValueError(f"scans: ranges of shape {batch.ranges.shape} are not (queries, beams)")
     queries = batch.ranges.shape[0]
-    size = min(QUERIES, bucket(queries))
+    size = min(QUERIES, bucket(queries, smallest=1))
     groups = list(_groups(configs, count))
 
     def work(start: int) -> tuple[list[MatchResult], list[Piece]]:

@@ -42,11 +42,11 @@ def test_the_choice_equals_the_greedy_loop(seed, size):
     assert (int(overflow) > 0) == left
 
 
-def test_the_choice_among_hundreds_equals_the_greedy_loop_up_to_a_quarter_of_them():
+def test_the_choice_among_hundreds_equals_the_greedy_loop():
     rng = np.random.default_rng(3)
     corners = rng.uniform(-8, 8, (25, 2))
     xy = (corners[rng.integers(25, size=1000)] + rng.normal(0, 0.05, (1000, 2))).astype(np.float32)
-    salience, valid = rng.random(1000), np.arange(1000) % 4 == 0
+    salience, valid = rng.random(1000), np.arange(1000) % 2 == 0
     picked, overflow = best(candidates(xy, salience, valid), 16, jnp.float32(0.5))
     chosen, left = greedy(xy, np.float32(salience), valid, 16, 0.5)
     np.testing.assert_array_equal(picked.xy, xy[chosen])

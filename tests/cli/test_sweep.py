@@ -146,7 +146,8 @@ def test_an_interrupted_sweep_goes_on_where_it_was_with_the_same_tables(
     status, out, err = command(*sweeping(logs, tmp_path))
     assert (status, out) == (0, "")
     assert err.startswith("4 configurations, 20 queries, 8 references: best hits ")
-    assert len(computed) == 1
+    # Two lengths that vote, for 8 queries at a time: one of six pieces was kept.
+    assert len(computed) == 5
     for name in ("sweep.csv", "curves.csv", "manifest.json"):
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
     assert not (tmp_path / "pieces").exists()

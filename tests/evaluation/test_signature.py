@@ -4,7 +4,13 @@ import jax
 import numpy as np
 import pytest
 
-from aprjax.evaluation.signature import BINS, discriminant, pair_histogram, signature
+from aprjax.evaluation.signature import (
+    BINS,
+    discriminant,
+    likeness,
+    pair_histogram,
+    signature,
+)
 from aprjax.features import FeatureConfig, seen
 from aprjax.scan import Scan
 from tests.oracles import signature as oracle
@@ -68,3 +74,15 @@ def test_a_scan_without_surfaces_has_no_signature():
     )
     assert not np.any(np.asarray(signatures(views_of(blank), discriminant())))
     assert discriminant().mean.shape == (BINS,)
+
+
+def test_likeness_is_one_to_itself_none_to_a_blank_and_never_beyond():
+    rng = np.random.default_rng(0)
+    vectors = rng.normal(size=(6, 32)).astype(np.float32)
+    vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
+    vectors[4] = 0
+    found = np.asarray(likeness(vectors, vectors[2]))
+    np.testing.assert_allclose(found, vectors @ vectors[2], atol=1e-6)
+    assert found[2] == pytest.approx(1)
+    assert found[4] == 0
+    assert (np.abs(found) <= 1 + 1e-6).all()
