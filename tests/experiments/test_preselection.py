@@ -37,12 +37,13 @@ def test_every_measure_is_written_and_votes_put_right_references_first(
     with (tmp_path / "preselection.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     found = {(row["split"], row["references"], row["measure"]): row for row in rows}
-    assert len(found) == 2 * 2 * 3
+    assert len(found) == 2 * 2 * 4
     for row in rows:
         assert 0 <= float(row["first_1"]) <= float(row["first_5"]) <= 1
         assert row["first_10"] == "1.0"  # no set has more
     assert found["corridor", "all", "c_m"]["queries"] == "10"
     assert float(found["corridor", "all", "votes"]["first_1"]) >= 0.8
     assert float(found["corridor", "all", "votes"]["first_5"]) == 1.0
+    assert float(found["corridor", "all", "signature"]["first_5"]) >= 0.8
     assert (tmp_path / "preselection.png").read_bytes().startswith(b"\x89PNG")
     assert json.loads((tmp_path / "configuration.json").read_text())["sizes"] == [6]
