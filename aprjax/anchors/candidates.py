@@ -39,10 +39,9 @@ class Candidates(eqx.Module):
         """The `size` most salient, any two at least `apart` metres from each other.
 
         A candidate nearer than that to a more salient one is the same point seen twice. Also
-        returns how many distinct points did not fit, counted up to `size`. The
-        most salient half of the candidates is looked at, and that is all valid ones: of the three
-        that there are for each hit, one at most is (a corner lies inside a part, a jump edge at
-        its end).
+        returns how many distinct points did not fit, counted up to `size`. The most salient half
+        of the candidates is looked at, which holds all valid ones: of the three that there are for
+        each hit on a large part, one at most is (a corner lies inside, a jump edge at an end).
         """
         salience = jnp.where(self.valid, self.salience, -jnp.inf)
         half = max(salience.shape[0] // 2, _FEW)
