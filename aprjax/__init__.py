@@ -219,6 +219,7 @@ __all__ = [  # noqa: RUF022
     "numerics",
     "places",
     "plot",
+    "programs",
     "references",
     "refine",
     "relations",

@@ -1,9 +1,8 @@
 """Matching many scans: on the host, in batches that fill the device and bound its memory."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache
 from typing import Any
 
 import jax
@@ -13,6 +12,7 @@ from jaxtyping import Array, Float, Int
 
 from aprjax.matcher import MatchConfig, MatchResult, match_together
 from aprjax.numerics import bucket, single_precision
+from aprjax.programs import Program
 from aprjax.references import ReferenceIndex, ReferenceSet
 from aprjax.scan import Scan
 
@@ -69,14 +69,14 @@ def match_batch(
         ids = np.pad(excluded[start : start + part], [(0, slots - count), (0, 0)])
         # A setting of the thread, of which each has its own.
         with single_precision():
-            return _program()(
+            return _match_program(
                 here.pad_batch(slots),
                 ids,
                 np.int32(count),
                 references.index,
                 thresholds,
-                rules,
-                chunk,
+                rules=rules,
+                chunk=chunk,
                 together=not on_cpu,
             )
 
@@ -110,35 +110,14 @@ def checked_queries(
     return batch, np.pad(ids.astype(np.int32), [(0, 0), (0, missing)], constant_values=-1)
 
 
-@cache
-def compiler_options() -> dict[str, bool]:
-    """How XLA is to compile the matcher.
-
-    By default XLA orders what runs on a CPU so that much of it may run at the same time. Here
-    chunks do that, and threads that are handed single small operations cost a quarter of the time.
-    """
-    option = {"xla_cpu_enable_concurrency_optimized_scheduler": False}
-    try:
-        jax.jit(lambda: 0, compiler_options=option).lower().compile()
-    except jax.errors.JaxRuntimeError:  # another XLA, which does not know it
-        option = {}
-    return option
-
-
-@cache
-def _program() -> Callable[..., MatchResult]:
-    """`_match_chunks`, jitted for the device."""
-    return jax.jit(
-        _match_chunks,
-        static_argnames=("rules", "chunk", "together"),
-        compiler_options=compiler_options(),
-    )
-
-
 def packed(config: MatchConfig) -> tuple[np.ndarray, Any]:
     """All thresholds in one array, which goes to the device at once, and their structure."""
     thresholds, rules = jax.tree.flatten(config)
     return np.stack([np.asarray(each, np.float32) for each in thresholds]), rules
+
+
+_traced_once = jax.jit(match_together, static_argnames="together")
+"""`match_together`, whose trace is kept: the loop asks for its shapes, and then for the work."""
 
 
 def _match_chunks(
@@ -163,7 +142,7 @@ def _match_chunks(
         here, ids = jax.tree.map(
             lambda a: jax.lax.dynamic_slice_in_dim(a, index * chunk, chunk), (scans, excluded)
         )
-        return match_together(here, ids, references, config, together)
+        return _traced_once(here, ids, references, config, together)
 
     def work(index: Array, results: MatchResult) -> MatchResult:
         return jax.tree.map(
@@ -172,7 +151,10 @@ def _match_chunks(
             of_chunk(index),
         )
 
-    shapes = jax.eval_shape(of_chunk, 0)
+    shapes = jax.eval_shape(of_chunk, jnp.int32(0))
     slots = scans.ranges.shape[0]
     empty = jax.tree.map(lambda leaf: jnp.zeros((slots, *leaf.shape[1:]), leaf.dtype), shapes)
     return jax.lax.fori_loop(0, (queries + chunk - 1) // chunk, work, empty)
+
+
+_match_program = Program(_match_chunks, MatchResult, static=("rules", "chunk", "together"))

@@ -51,6 +51,7 @@ from jax.experimental.compilation_cache import compilation_cache
 
 from aprjax.batch import match_batch
 from aprjax.matcher import MatchConfig
+from aprjax.programs import keep_traces
 from aprjax.references import ReferenceSet
 from aprjax.scan import Scan
 
@@ -80,7 +81,7 @@ def warm_up(
 
 
 def cache_compilations(folder: str | os.PathLike[str] | None = None) -> Path:
-    """Keep what JAX compiles in a folder, also for later processes; returns the folder.
+    """Keep what is traced and compiled in a folder for later processes; returns the folder.
 
     This is a setting of the whole process: it makes JAX's persistent compilation cache take
     small and quick compilations too. `folder` is made, for the user alone, if it does not
@@ -98,6 +99,7 @@ def cache_compilations(folder: str | os.PathLike[str] | None = None) -> Path:
             raise PermissionError(f"{path}: it is another user's; cached programs are executed")
         if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
             raise PermissionError(f"{path}: others can write to it; cached programs are executed")
+    keep_traces(path)
     # JAX goes on with the folder that it has begun to use, unless it is told to forget it.
     compilation_cache.reset_cache()
     jax.config.update("jax_compilation_cache_dir", str(path))

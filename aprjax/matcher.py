@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from aprjax.alignment.align import AlignmentConfig, align, counterparts
 from aprjax.alignment.voting import VotingConfig, vote
 from aprjax.configuration import capacity, threshold
-from aprjax.evaluation.congruence import CongruenceConfig, congruence, quality, sees
+from aprjax.evaluation.congruence import CongruenceConfig, both_ways, quality, sees
 from aprjax.evaluation.distinctiveness import (
     DistinctivenessConfig,
     distinct_quality,
@@ -244,9 +244,7 @@ def evaluate(
     def one(T_ref_query: Pose, row: Int[Array, ""]):
         reference = jax.tree.map(lambda array: array[row], references)
         T_ref_query = settle(reference.view, query.view, T_ref_query, config.refine)
-        T_query_ref = inverse(T_ref_query)
-        ahead = congruence(reference.view, query.view, T_query_ref, config.congruence)
-        back = congruence(query.view, reference.view, T_ref_query, config.congruence)
+        ahead, back = both_ways(reference.view, query.view, T_ref_query, config.congruence)
         anchors = counterparts(
             reference.graph, query.graph, T_ref_query, config.alignment.agreement
         )
@@ -254,7 +252,7 @@ def evaluate(
             ahead,
             back,
             sees(reference.view, T_ref_query[:2]),
-            sees(query.view, T_query_ref[:2]),
+            sees(query.view, inverse(T_ref_query)[:2]),
             anchors,
             config.congruence.quality,
         )

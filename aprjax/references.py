@@ -15,6 +15,7 @@ from aprjax.grid.occupancy_grid import OccupancyGrid
 from aprjax.grid.rendering import render
 from aprjax.grid.viewpoints import viewpoints
 from aprjax.numerics import bucket, single_precision
+from aprjax.programs import Program
 from aprjax.relations.edge_table import EdgeTable
 from aprjax.scan import Scan
 
@@ -40,9 +41,11 @@ class ReferenceIndex(eqx.Module):
 _CHUNK = 64  # references described at a time, which bounds the memory
 
 
-@jax.jit
 def _describe_chunk(scans: Scan, config: FeatureConfig) -> Features:
     return jax.vmap(describe, (0, None))(scans, config)
+
+
+_describe_program = Program(_describe_chunk, Features)
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +205,7 @@ def described(scans: Scan, config: FeatureConfig) -> Features:
     padded = scans.pad_batch(max(-(-count // size), 1) * size)
     with single_precision():
         chunks = [
-            _describe_chunk(rows_of(padded, slice(start, start + size)), config)
+            _describe_program(rows_of(padded, slice(start, start + size)), config)
             for start in range(0, max(count, 1), size)
         ]
     return jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *chunks)

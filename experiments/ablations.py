@@ -38,7 +38,7 @@ from matplotlib.figure import Figure
 from outputs import print_table, write_configuration, write_figure, write_table
 
 import aprjax
-from aprjax.evaluation.congruence import congruence, quality, sees
+from aprjax.evaluation.congruence import both_ways, quality, sees
 from aprjax.features import Features
 from aprjax.matcher import Counts, Evaluated, answer, cascade, evaluate, exhaustive, rank
 from aprjax.metrics import best_answers
@@ -122,10 +122,9 @@ def _qualities(
 
     def one(T_ref_query: Pose, row: Int[Array, ""], anchors: Int[Array, ""]) -> Float[Array, ""]:
         view = jax.tree.map(lambda array: array[row], references.view)
-        T_query_ref = inverse(T_ref_query)
-        ahead = congruence(view, query.view, T_query_ref, config.congruence)
-        back = congruence(query.view, view, T_ref_query, config.congruence)
-        by_reference, by_query = sees(view, T_ref_query[:2]), sees(query.view, T_query_ref[:2])
+        ahead, back = both_ways(view, query.view, T_ref_query, config.congruence)
+        by_reference = sees(view, T_ref_query[:2])
+        by_query = sees(query.view, inverse(T_ref_query)[:2])
         return quality(
             ahead,
             back,

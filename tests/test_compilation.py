@@ -9,6 +9,7 @@ from jax.experimental.compilation_cache import compilation_cache
 from aprjax import batch
 from aprjax.batch import match
 from aprjax.compilation import cache_compilations, warm_up
+from aprjax.programs import keep_traces
 from aprjax.references import ReferenceSet
 from tests.worlds import free_pose, office, scan_at
 
@@ -23,6 +24,7 @@ SETTINGS = (
 def settings_restored():
     before = {name: getattr(jax.config, name) for name in SETTINGS}
     yield
+    keep_traces(None)
     compilation_cache.reset_cache()
     for name, value in before.items():
         jax.config.update(name, value)
@@ -33,9 +35,9 @@ def test_after_warming_up_nothing_is_compiled():
     scans = [scan_at(world, free_pose(world, rng), rng=rng) for _ in range(6)]
     references = ReferenceSet.build(scans)
     warm_up(references, beams=181, batches=[1])
-    compiled = batch._program()._cache_size()
+    compiled = batch._match_program.compiled
     assert np.asarray(match(scans[0], references).valid).any()
-    assert batch._program()._cache_size() == compiled
+    assert batch._match_program.compiled == compiled
 
 
 @pytest.mark.parametrize(("beams", "batches"), [(0, [1]), (181, [1, 0])])

@@ -27,6 +27,7 @@ ORDER = [
     "alignment",
     "evaluation",
     "refine",
+    "programs",
     "features",
     "shortlist",
     "grid",

@@ -513,7 +513,7 @@ def compilations(caplog):
 
 
 def test_one_compilation_serves_all_scans_references_and_thresholds_of_a_bucket(scene, result):
-    before = batch._program()._cache_size()
+    before = batch._match_program.compiled
     for references in (1, 3, 8):
         some = ReferenceSet.build(scene.reference_scans[:references])
         match_batch(scene.queries, some)
@@ -528,7 +528,7 @@ def test_one_compilation_serves_all_scans_references_and_thresholds_of_a_bucket(
             MatchConfig(congruence=CongruenceConfig(tolerance=value, relative=0)),
         ):
             match_batch(scene.queries, scene.references, config)
-    assert batch._program()._cache_size() == before
+    assert batch._match_program.compiled == before
 
 
 def test_thresholds_on_the_device_do_not_compile_anew(scene, result, compilations):

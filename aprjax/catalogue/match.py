@@ -1,9 +1,8 @@
 """Matching with a catalogue: the references most like the query, each described anew."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache
 from typing import Any
 
 import jax
@@ -11,12 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from aprjax.batch import checked_queries, compiler_options, packed
+from aprjax.batch import checked_queries, packed
 from aprjax.catalogue.catalogue import BLOCK, Catalogue
 from aprjax.evaluation.distinctiveness import Placement
 from aprjax.features import FeatureConfig, describe
 from aprjax.matcher import MatchConfig, MatchResult, match_one
 from aprjax.numerics import HIGHEST, bucket, single_precision
+from aprjax.programs import Program
 from aprjax.references import ReferenceIndex, rows_of
 from aprjax.relations.edge_table import EdgeTable
 from aprjax.relations.histograms import preselection_quality
@@ -120,12 +120,12 @@ def match_catalogue(
         known = jax.tree.map(lambda array: array.reshape(*ids.shape, *array.shape[1:]), known)
         # A setting of the thread, of which each has its own.
         with single_precision():
-            return _program()(
+            return _match_program(
                 here.pad_batch(chunk),
                 *(_padded(tree, missing) for tree in (excluded[rows], known, ids)),
                 catalogue.config,
                 thresholds,
-                rules,
+                rules=rules,
                 together=not on_cpu,
             )
 
@@ -140,14 +140,6 @@ def match_catalogue(
 def _padded(tree: Any, missing: int) -> Any:
     """So many more queries, as the first one."""
     return jax.tree.map(lambda a: np.concatenate([a, np.repeat(a[:1], missing, axis=0)]), tree)
-
-
-@cache
-def _program() -> Callable[..., MatchResult]:
-    """`_match_chunk`, jitted for the device."""
-    return jax.jit(
-        _match_chunk, static_argnames=("rules", "together"), compiler_options=compiler_options()
-    )
 
 
 def _match_chunk(
@@ -175,3 +167,6 @@ def _match_chunk(
 
     each = jax.vmap(lambda *of: one(of)) if together else lambda *of: jax.lax.map(one, of)
     return each(scans, excluded, likely, ids)
+
+
+_match_program = Program(_match_chunk, MatchResult, static=("rules", "together"))

@@ -3,6 +3,7 @@
 from typing import Self
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
@@ -91,6 +92,22 @@ def congruence(
     free = overview.hit[index] & (overview.range[index] > safe_norm(seen) + tolerance)
     short = hit & ~agree & ~through & visible & free
     return Verdicts.count(agree, through | short, hit, xy[:, 0], xy[:, 1])
+
+
+def both_ways(
+    reference: View, query: View, T_ref_query: Pose, config: CongruenceConfig
+) -> tuple[Verdicts, Verdicts]:
+    """What the query's beams say of the reference's synthetic scan, and the other way about.
+
+    One mapped function: half as much for XLA to compile, and to run one after the other.
+    """
+    slots = max(reference.range.shape[-1], query.range.shape[-1])
+    views = jax.tree.map(lambda *pair: jnp.stack(pair), reference.pad(slots), query.pad(slots))
+    T_front_overview = jnp.stack([inverse(T_ref_query), T_ref_query])
+    fronts = jax.tree.map(lambda array: array[::-1], views)
+    verdicts = jax.vmap(congruence, (0, 0, 0, None))(views, fronts, T_front_overview, config)
+    ahead, back = (jax.tree.map(lambda array: array[k], verdicts) for k in range(2))  # noqa: B023
+    return ahead, back
 
 
 def sees(overview: View, front_xy: Float[Array, "2"]) -> Bool[Array, ""]:

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.configuration import capacity, threshold
-from aprjax.evaluation.congruence import CongruenceConfig, congruence
+from aprjax.evaluation.congruence import CongruenceConfig, both_ways
 from aprjax.evaluation.view import View
 from aprjax.numerics import wrap
 from aprjax.se2 import Pose, compose, inverse
@@ -70,8 +70,7 @@ def rivalry(
     )
     rules = replace(congruence_config, beams=config.beams)
     T_best_other = compose(T_best_query, inverse(T_other_query))
-    ahead = congruence(view_best, view_other, inverse(T_best_other), rules)
-    back = congruence(view_other, view_best, T_best_other, rules)
+    ahead, back = both_ways(view_best, view_other, T_best_other, rules)
     contradict = ahead.contradict + back.contradict
     share = contradict / jnp.maximum(ahead.agree + back.agree + contradict, 1.0)
     span = jnp.maximum(config.contradiction - config.harmony, 1e-6)

@@ -97,7 +97,8 @@ def _spread(
     smooth = view.hit & jnp.any(view.normal != 0, axis=1)
     upto = jnp.cumsum(jnp.where(smooth, jnp.minimum(length, _LONGEST), 0.0))
     place = ((np.arange(POINTS) + 0.5) / POINTS).astype(np.float32) * upto[-1]
-    entry = jnp.minimum(jnp.searchsorted(upto, place), len(upto) - 1)
+    entry = jnp.searchsorted(upto, place, method="compare_all")
+    entry = jnp.minimum(entry, len(upto) - 1)
     return view.xy[entry], view.normal[entry], upto[-1] > 0
 
 

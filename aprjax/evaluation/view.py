@@ -4,6 +4,8 @@ The common ground of synthetic scans, congruence and refinement. Any point of th
 looked up in a view by its bearing: it is on the surface seen there, before it, or hidden.
 """
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -54,6 +56,16 @@ class View(eqx.Module):
         size = min(size, self.xy.shape[-2])
         k = jnp.arange(size)
         return jnp.where(self.beams > size, k * self.beams // size, k), k < self.beams
+
+    def pad(self, slots: int) -> "View":
+        """The same view with as many entries, those added at the end being none."""
+        missing = slots - self.range.shape[-1]
+        names = ("xy", "range", "hit", "linked", "normal")
+        padded = {
+            name: jnp.pad(array, [(0, missing)] + [(0, 0)] * (array.ndim - 1))
+            for name, array in ((name, getattr(self, name)) for name in names)
+        }
+        return replace(self, **padded)
 
     @property
     def scanner(self) -> "Scanner":

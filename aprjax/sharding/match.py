@@ -13,10 +13,11 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.alignment.voting import Votes, VotingConfig, vote
-from aprjax.batch import checked_queries, compiler_options, packed
+from aprjax.batch import checked_queries, packed
 from aprjax.features import Features, describe
 from aprjax.matcher import Counts, MatchConfig, MatchResult, answer, evaluate, preselected, rank
 from aprjax.numerics import single_precision
+from aprjax.programs import compiler_options
 from aprjax.references import ReferenceIndex, rows_of
 from aprjax.relations.histograms import preselection_quality
 from aprjax.scan import Scan

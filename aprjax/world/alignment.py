@@ -16,11 +16,10 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from aprjax.configuration import threshold
-from aprjax.evaluation.congruence import CongruenceConfig, Verdicts, congruence
+from aprjax.evaluation.congruence import CongruenceConfig, Verdicts, both_ways
 from aprjax.evaluation.view import View
 from aprjax.numerics import HIGHEST, dot, single_precision, wrap
 from aprjax.refine import RefineConfig, estimate, settle
-from aprjax.se2 import inverse
 
 _SLOTS = 64  # pairs of one call
 
@@ -115,8 +114,7 @@ def _align(
 
         def attempt(start):
             T = settle(first, second, start, config.refine)
-            ahead = congruence(first, second, inverse(T), config.congruence)
-            back = congruence(second, first, T, config.congruence)
+            ahead, back = both_ways(first, second, T, config.congruence)
             gap = T - T_expected[index]
             off = jnp.matmul(root[index], gap.at[2].set(wrap(gap[2])), precision=HIGHEST)
             weight = 1.0 / (1.0 + dot(off, off) / config.surprise)

@@ -4,6 +4,8 @@ from pathlib import Path
 import jax
 import pytest
 
+from aprjax.programs import keep_traces
+
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -13,6 +15,7 @@ def cache(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     before = jax.config.jax_compilation_cache_dir
     yield tmp_path / "aprjax"
+    keep_traces(None)
     jax.config.update("jax_compilation_cache_dir", before)
 
 
