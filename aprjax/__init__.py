@@ -204,6 +204,7 @@ __all__ = [  # noqa: RUF022
     "PoseGraphError",
     "alignment",
     "anchors",
+    "atomic",
     "batch",
     "catalogue",
     "compilation",

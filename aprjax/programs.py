@@ -7,7 +7,6 @@ too, as JAX's portable StableHLO, and later processes call that.
 """
 
 import hashlib
-import tempfile
 import warnings
 from collections.abc import Callable
 from dataclasses import fields
@@ -20,6 +19,8 @@ import equinox as eqx
 import jax
 import numpy as np
 from jax import export
+
+from aprjax.atomic import atomic_write
 
 _Result = TypeVar("_Result", bound=eqx.Module)
 
@@ -129,9 +130,8 @@ def _load(path: Path) -> export.Exported | None:
 def _store(path: Path, trace: bytes) -> None:
     """Write a trace, complete or not at all; a folder that takes none is only warned about."""
     try:
-        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
+        with atomic_write(path, "wb") as file:
             file.write(hashlib.sha256(trace).digest() + trace)
-        Path(file.name).replace(path)
     except OSError as error:
         warnings.warn(f"{path}: not kept for later processes ({error.strerror})", stacklevel=2)
 

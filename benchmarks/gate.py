@@ -5,7 +5,7 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from aprjax.io.atomic import atomic_write
+from aprjax.atomic import atomic_write
 from benchmarks.workload import Figure
 
 

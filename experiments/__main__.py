@@ -20,7 +20,7 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from aprjax.io.atomic import atomic_write
+from aprjax.atomic import atomic_write
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -32,8 +32,8 @@ from map_scores import frame_rms, pair_errors, score_map
 from outputs import print_table, write_configuration, write_figure, write_table
 
 import aprjax
+from aprjax.atomic import atomic_write
 from aprjax.configuration import to_dict
-from aprjax.io.atomic import atomic_write
 from aprjax.io.carmen import LogEntry
 from aprjax.io.trajectory import read_tum
 from aprjax.plot.style import figure_of

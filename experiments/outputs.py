@@ -8,8 +8,8 @@ from typing import Any
 from matplotlib.figure import Figure
 
 import aprjax
+from aprjax.atomic import atomic_write
 from aprjax.configuration import to_dict
-from aprjax.io.atomic import atomic_write
 
 
 def write_table(rows: list[dict], path: Path) -> None:

@@ -18,9 +18,9 @@ import jax
 import numpy as np
 
 import aprjax
+from aprjax.atomic import atomic_write
 from aprjax.evaluation.signature import pair_histogram
 from aprjax.features import seen
-from aprjax.io.atomic import atomic_write
 from aprjax.metrics import relative
 from experiments.million import AT_ONCE, EACH, NEAR_ANGLE, NEAR_DISTANCE, floors
 

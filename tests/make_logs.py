@@ -14,7 +14,7 @@ import numpy as np
 # As a script, only its own folder is on the path.
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from aprjax.io.atomic import atomic_write
+from aprjax.atomic import atomic_write
 from aprjax.scan import Scan
 from tests.worlds import cast, clearance, free_pose, office, scan_at
 

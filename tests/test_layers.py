@@ -20,6 +20,7 @@ ORDER = [
     "numerics",
     "se2",
     "status",
+    "atomic",
     "scan",
     "sim",
     "anchors",

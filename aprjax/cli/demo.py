@@ -11,11 +11,11 @@ import jax
 import numpy as np
 from matplotlib.artist import Artist
 
+from aprjax.atomic import atomic_write
 from aprjax.batch import match
 from aprjax.cli.lab import add_lab_options, build_lab
 from aprjax.cli.outputs import make_folder
 from aprjax.cli.progress import Progress
-from aprjax.io.atomic import atomic_write
 from aprjax.matcher import MatchConfig, MatchResult
 from aprjax.metrics import RIGHT_ANGLE, RIGHT_DISTANCE, is_right, world_poses
 from aprjax.plot.map import draw_map

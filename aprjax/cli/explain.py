@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from aprjax.atomic import atomic_write
 from aprjax.cli.errors import CommandError
 from aprjax.cli.inputs import (
     add_topic_options,
@@ -15,7 +16,6 @@ from aprjax.cli.inputs import (
 )
 from aprjax.cli.outputs import check_output
 from aprjax.explanation.report import explain
-from aprjax.io.atomic import atomic_write
 from aprjax.matcher import MatchConfig
 from aprjax.references import ReferenceSet
 

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
+from aprjax.atomic import atomic_write
 from aprjax.cli.errors import CommandError
 from aprjax.cli.inputs import add_topic_options, read_drive
 from aprjax.cli.outputs import check_output, make_folder
 from aprjax.cli.progress import Progress
-from aprjax.io.atomic import atomic_write
 from aprjax.io.log import LogEntry
 from aprjax.io.tables import HypothesisRow, write_hypotheses
 from aprjax.io.trajectory import write_tum

@@ -10,11 +10,11 @@ from typing import Any
 import networkx as nx
 import numpy as np
 
+from aprjax.atomic import atomic_write
 from aprjax.cli.errors import CommandError
 from aprjax.cli.inputs import add_topic_options, read_drive
 from aprjax.cli.outputs import check_output
 from aprjax.cli.progress import Progress
-from aprjax.io.atomic import atomic_write
 from aprjax.io.pose_graph import pose_graph_text
 from aprjax.plot.style import figure_of
 from aprjax.plot.world import draw_world

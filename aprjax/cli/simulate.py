@@ -5,9 +5,9 @@ import csv
 import sys
 from pathlib import Path
 
+from aprjax.atomic import atomic_write
 from aprjax.cli.lab import add_lab_options, build_lab
 from aprjax.cli.outputs import make_folder
-from aprjax.io.atomic import atomic_write
 from aprjax.io.carmen_writer import write_log
 from aprjax.io.trajectory import write_tum
 from aprjax.sim.run import Run

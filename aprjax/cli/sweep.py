@@ -10,6 +10,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from aprjax.atomic import atomic_write
 from aprjax.cli.errors import CommandError
 from aprjax.cli.inputs import (
     add_topic_options,
@@ -22,7 +23,6 @@ from aprjax.cli.outputs import make_folder
 from aprjax.cli.progress import Progress
 from aprjax.cli.sweep_table import write_curves, write_figures, write_rows
 from aprjax.configuration import to_dict
-from aprjax.io.atomic import atomic_write
 from aprjax.io.pieces import Pieces, fingerprint
 from aprjax.matcher import MatchConfig
 from aprjax.metrics import relative

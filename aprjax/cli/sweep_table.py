@@ -11,7 +11,7 @@ import jax
 import numpy as np
 from matplotlib.figure import Figure
 
-from aprjax.io.atomic import atomic_write
+from aprjax.atomic import atomic_write
 from aprjax.matcher import MatchResult
 from aprjax.metrics import Answers, best_answers
 from aprjax.plot.sweep import QualityCurve, draw_quality_curves, draw_sweep

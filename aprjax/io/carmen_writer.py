@@ -7,7 +7,7 @@ from contextlib import ExitStack
 
 import numpy as np
 
-from aprjax.io.atomic import atomic_write
+from aprjax.atomic import atomic_write
 from aprjax.scan import Scan
 
 _NO_RETURN, _INVALID = "81.83", "0"  # SICK's code for above maximum; a reading that says nothing

@@ -14,8 +14,8 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 
+from aprjax.atomic import atomic_write
 from aprjax.grid.occupancy_grid import FREE, MOST_CELLS, OCCUPIED, UNKNOWN, OccupancyGrid
-from aprjax.io.atomic import atomic_write
 
 Mode = Literal["trinary", "scale", "raw"]
 _MODES = ("trinary", "scale", "raw")

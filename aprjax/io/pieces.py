@@ -11,8 +11,8 @@ from pathlib import Path
 import jax
 import numpy as np
 
+from aprjax.atomic import atomic_write
 from aprjax.io.archive import ArchiveError, read_archive
-from aprjax.io.atomic import atomic_write
 
 _FORMAT = "aprjax pieces"
 _VERSION = 1

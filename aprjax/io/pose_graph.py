@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from aprjax.io.atomic import atomic_write
+from aprjax.atomic import atomic_write
 
 Format = Literal["g2o", "toro"]
 _LONGEST_LINE = 1 << 16  # bytes

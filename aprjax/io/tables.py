@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aprjax.io.atomic import atomic_write
+from aprjax.atomic import atomic_write
 
 MATCH_COLUMNS = (
     "query",

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from aprjax.io.atomic import atomic_write
+from aprjax.atomic import atomic_write
 
 _FIELDS = 8
 _UNIT = 0.01  # how far from 1 the length of a quaternion may be

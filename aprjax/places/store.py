@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from aprjax.atomic import atomic_write
 from aprjax.io.archive import Archive, ArchiveError, read_archive
-from aprjax.io.atomic import atomic_write
 from aprjax.places.classifier import ViewClassifier
 from aprjax.places.neural_gas import NeuralGas, NeuralGasConfig
 

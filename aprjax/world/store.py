@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from aprjax.atomic import atomic_write
 from aprjax.configuration import to_dict
 from aprjax.io.archive import (
     SCAN_FIELDS,
@@ -22,7 +23,6 @@ from aprjax.io.archive import (
     read_archive,
     read_features,
 )
-from aprjax.io.atomic import atomic_write
 from aprjax.scan import Scan
 from aprjax.world.model import WorldModel
 from aprjax.world.parts import KINDS, Appearance, Arc, Place, WorldModelError

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from aprjax.io.atomic import atomic_write
+from aprjax.atomic import atomic_write
 
 
 def test_text_and_bytes_arrive_as_written(tmp_path):
@@ -86,7 +86,7 @@ def test_an_error_names_the_file_that_was_to_be_written(tmp_path):
 
 _WRITER = """
 import itertools, sys
-from aprjax.io.atomic import atomic_write
+from aprjax.atomic import atomic_write
 for number in itertools.count():
     with atomic_write(sys.argv[1], "wb") as file:
         for _ in range(64):
@@ -96,7 +96,7 @@ for number in itertools.count():
 
 
 def test_a_process_killed_at_any_moment_leaves_a_whole_file_no_older_than_it_said(tmp_path):
-    path, root = tmp_path / "file", Path(__file__).resolve().parents[2]
+    path, root = tmp_path / "file", Path(__file__).resolve().parents[1]
     for number in range(2):
         with subprocess.Popen(
             [sys.executable, "-c", _WRITER, str(path)], stdout=subprocess.PIPE, cwd=root, text=True
