@@ -17,7 +17,6 @@ from typing import Any, Generic, TypeVar
 
 import equinox as eqx
 import jax
-import numpy as np
 from jax import export
 
 from aprjax.atomic import atomic_write
@@ -61,7 +60,7 @@ class Program(Generic[_Result]):
         if _folder is None:
             return self._jitted(*arguments, **static)
         leaves, structure = jax.tree.flatten(arguments)
-        shapes = tuple((np.shape(leaf), np.dtype(leaf.dtype).name) for leaf in leaves)
+        shapes = tuple((leaf.shape, leaf.dtype) for leaf in leaves)
         precision = jax.config.jax_default_matmul_precision  # pyright: ignore[reportAttributeAccessIssue]
         key = (_folder, structure, shapes, tuple(sorted(static.items())), precision)
         if key not in self._kept:

@@ -9,13 +9,15 @@ from collections.abc import Sequence
 from typing import Self
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.numerics import bucket
 
-_FIELDS = ("ranges", "angle_min", "angle_increment", "range_min", "range_max", "beams")
+_SCALARS = ("angle_min", "angle_increment", "range_min", "range_max", "beams")
+_FIELDS = ("ranges", *_SCALARS)
 
 
 class Scan(eqx.Module):
@@ -41,7 +43,7 @@ class Scan(eqx.Module):
 
     def __check_init__(self) -> None:
         batch = jnp.shape(self.ranges)[:-1]
-        for name in _FIELDS[1:]:
+        for name in _SCALARS:
             if jnp.shape(getattr(self, name)) != batch:
                 raise ValueError(
                     f"{name}: shape {jnp.shape(getattr(self, name))} is not {batch}, the ranges' "
@@ -167,7 +169,7 @@ class Scan(eqx.Module):
         """
         missing = size - np.shape(self.ranges)[0]
         if missing == 0:
-            return type(self)(**{name: np.asarray(getattr(self, name)) for name in _FIELDS})  # pyright: ignore[reportArgumentType]
+            return jax.tree.map(np.asarray, self)
         if missing < 0:
             raise ValueError(f"size: {size} is fewer than the {np.shape(self.ranges)[0]} there are")
 
@@ -193,14 +195,15 @@ class Scan(eqx.Module):
                 raise ValueError(
                     f"scans[{index}]: ranges have shape {np.shape(scan.ranges)}, not (beams,)"
                 )
-        slots = slots or bucket(max(scan.ranges.shape[-1] for scan in scans), smallest=64)
-        padded = [scan.pad(slots) for scan in scans]
-        return cls(
-            **{
-                name: np.stack([np.asarray(getattr(scan, name)) for scan in padded])
-                for name in _FIELDS
-            }  # pyright: ignore[reportArgumentType]
-        )
+        most = max(scan.ranges.shape[-1] for scan in scans)
+        slots = slots or bucket(most, smallest=64)
+        if slots < most:
+            raise ValueError(f"slots: {slots} is fewer than the {most} there are")
+        columns = {name: np.array([getattr(scan, name) for scan in scans]) for name in _SCALARS}
+        ranges = np.full((len(scans), slots), np.nan, np.float32)
+        for row, scan in zip(ranges, scans, strict=True):
+            row[: scan.ranges.shape[-1]] = scan.ranges
+        return cls(ranges=ranges, **columns)  # pyright: ignore[reportArgumentType]
 
 
 def _numbers(ranges: Sequence[float] | np.ndarray | Array) -> np.ndarray:
