@@ -26,10 +26,11 @@ class ContinuityConfig(eqx.Module):
     """
 
     near: Float[Array, ""] = threshold(0.25, "metres from an end point of the scan before")
+    nearer: Float[Array, ""] = threshold(0.1, "metres that are allowed less where it is at rest")
     broken: Float[Array, ""] = threshold(0.2, "share of near end points up to which nothing fits")
     whole: Float[Array, ""] = threshold(0.3, "share from which the step is not doubted")
     still: Float[Array, ""] = threshold(0.4, "what is asked more of both where it is at rest")
-    fades: Float[Array, ""] = threshold(0.5, "metres over which that becomes less by a factor e")
+    fades: Float[Array, ""] = threshold(0.5, "metres over which both become less by a factor e")
     per_turn: Float[Array, ""] = threshold(0.5, "metres that a radian of turning counts")
     certainty: Float[Array, ""] = threshold(0.95, "doubt where nothing fits")
     points: int = capacity(90, "most end points of a scan that are compared")
@@ -55,14 +56,21 @@ class ScanContinuity:
         if last is None or expected is None or not len(xy) or not len(last):
             return None
         gone = expected.way + float(self.config.per_turn) * expected.turn
-        more = float(self.config.still) * np.exp(-gone / float(self.config.fades))
+        resting = np.exp(-gone / float(self.config.fades))
+        more = float(self.config.still) * resting
         broken, whole = float(self.config.broken) + more, float(self.config.whole) + more
-        share = self._overlap(last, xy, expected.T_before_now, whole)
+        near = float(self.config.near) - float(self.config.nearer) * resting
+        share = self._overlap(last, xy, expected.T_before_now, near, whole)
         doubt = float(np.clip((whole - share) / max(whole - broken, 1e-6), 0.0, 1.0))
         return Step.unmeasured(float(self.config.certainty) * doubt)
 
     def _overlap(
-        self, before: np.ndarray, now: np.ndarray, T_before_now: np.ndarray, enough: float
+        self,
+        before: np.ndarray,
+        now: np.ndarray,
+        T_before_now: np.ndarray,
+        near: float,
+        enough: float,
     ) -> float:
         """The largest share of end points near others, over the poses tried until it is enough."""
         best = 0.0
@@ -72,7 +80,7 @@ class ScanContinuity:
                 cos, sin = np.cos(theta), np.sin(theta)
                 moved = now @ np.array([[cos, sin], [-sin, cos]]) + [x, y]
                 gap = np.min(_square_distances(moved, before), axis=1)
-                best = max(best, float(np.mean(gap < self.config.near**2)))
+                best = max(best, float(np.mean(gap < near**2)))
                 if best >= enough:
                     return best
         return best
