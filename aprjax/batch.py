@@ -149,7 +149,7 @@ def _match_chunks(
     """
     config = jax.tree.unflatten(rules, list(thresholds))
 
-    def of_chunk(index: int | Array) -> MatchResult:
+    def of_chunk(index: Array) -> MatchResult:
         here, ids = jax.tree.map(
             lambda a: jax.lax.dynamic_slice_in_dim(a, index * chunk, chunk), (scans, excluded)
         )

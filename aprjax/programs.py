@@ -7,48 +7,67 @@ too, as JAX's portable StableHLO, and later processes call that.
 """
 
 import hashlib
+import threading
 import warnings
 from collections.abc import Callable
 from dataclasses import fields
 from functools import cache, cached_property
-from importlib import metadata
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
+import jaxlib
+import lineax as lx
+import numpy as np
+import optimistix as optx
 from jax import export
 
 from aprjax.atomic import atomic_write
 
 _Result = TypeVar("_Result", bound=eqx.Module)
 
-_folder: Path | None = None
+
+class _Store(NamedTuple):
+    """Where traces are kept, and what they hold for."""
+
+    folder: Path
+    surroundings: str
+
+
+_store: _Store | None = None
 
 
 def keep_traces(folder: Path | None) -> None:
-    """Let all programs keep their traces in an existing folder, which is trusted; None: no more."""
-    global _folder
-    _folder = folder
+    """Let all programs keep their traces in an existing folder, which is trusted; None: no more.
+
+    Traces hold for the code and the versions that are there at this moment. Call it at the
+    beginning, as long as these are what has been imported.
+    """
+    global _store
+    _store = None if folder is None else _Store(folder, _surroundings(Path(__file__).parent))
 
 
 class Program(Generic[_Result]):
     """A function of trees of arrays, jitted for the device when it is first called.
 
-    It is called with its arrays by position and the arguments named in `static` by keyword. Those
-    are hashable, and their `repr` tells them apart. `returns` is the type of its result.
+    It is called with its arrays by position, and by keyword with the arguments named in `static`,
+    which are hashable and told apart by their `repr`. `returns` is the type of its result: modules
+    in modules, all fields arrays. It is called from outside of JAX's transformations. Whatever is
+    amiss with a trace costs time, not the answer: then the function is jitted as it is.
     """
 
     def __init__(
         self, function: Callable[..., _Result], returns: type[_Result], static: tuple[str, ...] = ()
     ) -> None:
         self._function, self._returns, self._static = function, returns, static
-        self._kept: dict[Any, Callable[..., Any]] = {}
+        self._kept: dict[Any, Callable[[list[Any]], _Result]] = {}
+        self._lock = threading.Lock()
 
     @property
     def compiled(self) -> int:
-        """How many programs were compiled in this process, traces of earlier ones apart."""
-        return self._jitted._cache_size()
+        """How many programs this process has compiled or loaded."""
+        return self._jitted._cache_size() + len(self._kept)
 
     @cached_property
     def _jitted(self) -> Any:
@@ -57,37 +76,71 @@ class Program(Generic[_Result]):
         )
 
     def __call__(self, *arguments: Any, **static: Any) -> _Result:
-        if _folder is None:
+        store = _store
+        leaves, structure = (None, None) if store is None else jax.tree.flatten(arguments)
+        if store is None or leaves is None or not _plain(leaves):
             return self._jitted(*arguments, **static)
-        leaves, structure = jax.tree.flatten(arguments)
         shapes = tuple((leaf.shape, leaf.dtype) for leaf in leaves)
-        precision = jax.config.jax_default_matmul_precision  # pyright: ignore[reportAttributeAccessIssue]
-        key = (_folder, structure, shapes, tuple(sorted(static.items())), precision)
-        if key not in self._kept:
-            self._kept[key] = self._keep(_folder, leaves, structure, repr(key[1:]), static)
-        return self._kept[key](leaves)
+        settings = tuple(getattr(jax.config, name) for name in _SETTINGS)
+        key = (structure, shapes, tuple(sorted(static.items())), settings)
+        with self._lock:
+            kept = self._kept.get((store, key))
+            if kept is None:
+                kept = self._kept[store, key] = self._prepared(
+                    store, leaves, structure, repr(key), static
+                )
+        return kept(leaves)
 
-    def _keep(
-        self, folder: Path, leaves: list[Any], structure: Any, key: str, static: dict[str, Any]
+    def _prepared(
+        self, store: _Store, leaves: list[Any], structure: Any, key: str, static: dict[str, Any]
     ) -> Callable[[list[Any]], _Result]:
         """The program for arguments like these, from its trace in the folder or a new one there."""
+        function = self._function
+        name = f"{function.__module__}.{function.__qualname__}"
+        device = jax.devices()[0]
+        told = [name, key, store.surroundings, device.platform, device.device_kind]
+        digest = hashlib.sha256("\n".join(told).encode()).hexdigest()
+        path = store.folder / f"{function.__name__.strip('_')}-{digest}.trace"
+        result = jax.tree.structure(_skeleton(self._returns))
 
         def flat(*leaves: Any) -> list[Any]:
-            return jax.tree.leaves(self._function(*jax.tree.unflatten(structure, leaves), **static))
+            made = self._function(*jax.tree.unflatten(structure, leaves), **static)
+            if jax.tree.structure(made) != result:
+                raise TypeError(f"{name}: its result is not made of arrays as {self._returns} says")
+            return jax.tree.leaves(made)
 
-        name = self._function.__name__.strip("_")
-        digest = hashlib.sha256(f"{name}\n{key}\n{_surroundings()}".encode()).hexdigest()
-        path = folder / f"{name}-{digest}.trace"
-        trace = _load(path)
-        if trace is None:
-            try:
-                trace = export.export(jax.jit(flat))(*leaves)
-            except ValueError:  # it has operations that JAX's portable form has not
-                return lambda leaves: self._jitted(*jax.tree.unflatten(structure, leaves), **static)
-            _store(path, bytes(trace.serialize()))
-        called = jax.jit(trace.call, compiler_options=compiler_options())
-        result = jax.tree.structure(_skeleton(self._returns))
+        try:
+            trace = _load(path)
+            new = trace is None
+            if trace is None:
+                like = [jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves]
+                trace = export.export(jax.jit(flat))(*like)
+            called = jax.jit(trace.call, compiler_options=compiler_options())
+            called.lower(*leaves).compile()
+            if new:
+                with atomic_write(path, "wb") as file:
+                    file.write(_signed(bytes(trace.serialize())))
+        except Exception as error:
+            warnings.warn(f"{path}: not kept for later processes ({error})", stacklevel=3)
+            return lambda leaves: self._jitted(*jax.tree.unflatten(structure, leaves), **static)
         return lambda leaves: jax.tree.unflatten(result, called(*leaves))
+
+
+_SETTINGS = ("jax_enable_x64", "jax_default_matmul_precision", "jax_default_device")
+"""Of JAX, which change what is traced."""
+
+
+def _plain(leaves: list[Any]) -> bool:
+    """Whether a trace can stand for these arguments: arrays on one device, and traced as usual."""
+    if jax.config.jax_disable_jit:  # pyright: ignore[reportAttributeAccessIssue]
+        return False
+    for leaf in leaves:
+        if isinstance(leaf, jax.Array):
+            if leaf.weak_type or len(leaf.devices()) > 1:
+                return False
+        elif not isinstance(leaf, np.ndarray | np.generic):
+            return False
+    return True
 
 
 @cache
@@ -114,38 +167,30 @@ def compiler_options() -> dict[str, bool | str]:
 _DIGEST = hashlib.sha256().digest_size
 
 
+def _signed(trace: bytes) -> bytes:
+    """A trace with its digest before it."""
+    return hashlib.sha256(trace).digest() + trace
+
+
 def _load(path: Path) -> export.Exported | None:
     """The trace in a file; None where there is none, or a broken one."""
     try:
         stored = path.read_bytes()
-    except OSError:
+    except FileNotFoundError:
         return None
-    digest, trace = stored[:_DIGEST], stored[_DIGEST:]
-    if hashlib.sha256(trace).digest() != digest:
-        return None
-    return export.deserialize(bytearray(trace))
+    trace = stored[_DIGEST:]
+    return export.deserialize(bytearray(trace)) if stored == _signed(trace) else None
 
 
-def _store(path: Path, trace: bytes) -> None:
-    """Write a trace, complete or not at all; a folder that takes none is only warned about."""
-    try:
-        with atomic_write(path, "wb") as file:
-            file.write(hashlib.sha256(trace).digest() + trace)
-    except OSError as error:
-        warnings.warn(f"{path}: not kept for later processes ({error.strerror})", stacklevel=2)
-
-
-@cache
-def _surroundings() -> str:
-    """Whatever else decides what is traced: this package's code, others' versions, the device."""
-    sources = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.rglob("*.py")):
-        sources.update(path.read_bytes())
-    versions = [
-        f"{name} {metadata.version(name)}"
-        for name in ("jax", "jaxlib", "equinox", "lineax", "optimistix")
-    ]
-    return f"{sources.hexdigest()} {versions} {jax.devices()[0].device_kind}"
+def _surroundings(package: Path) -> str:
+    """What else decides what is traced: the package's code and data, and others' versions."""
+    files = hashlib.sha256()
+    for path in sorted(package.rglob("*")):
+        if path.is_file() and "__pycache__" not in path.parts:
+            content = path.read_bytes()
+            files.update(f"{path.relative_to(package)} {len(content)}\n".encode() + content)
+    versions = [f"{each.__name__} {each.__version__}" for each in (jax, jaxlib, eqx, lx, optx)]
+    return f"{files.hexdigest()} {versions}"
 
 
 def _skeleton(kind: type[eqx.Module]) -> eqx.Module:

@@ -1,15 +1,27 @@
 """Programs that are kept for later processes: here, for other `Program`s of the same function."""
 
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import export
 from jaxtyping import Array, Float
 
-from aprjax.features import FeatureConfig, Features, describe
-from aprjax.programs import Program, keep_traces
+from aprjax import batch, references
+from aprjax.batch import match_batch
+from aprjax.features import Features
+from aprjax.matcher import MatchResult
+from aprjax.programs import Program, _surroundings, keep_traces
+from aprjax.references import ReferenceSet
 from tests.worlds import free_pose, office, scan_at
+
+ROOT = Path(__file__).resolve().parents[1]
 
 
 class Inner(eqx.Module):
@@ -75,12 +87,12 @@ def test_other_shapes_types_and_static_arguments_are_other_programs(fresh, folde
     assert len(list(folder.iterdir())) == 6
 
 
-@pytest.mark.parametrize("damage", [b"", b"short", None])
+@pytest.mark.parametrize("damage", ["empty", "short", "changed"])
 def test_a_damaged_file_is_written_anew(fresh, folder, damage):
     fresh()(NUMBERS, factor=3)
     (path,) = folder.iterdir()
     whole = path.read_bytes()
-    path.write_bytes(whole[:-1] + b"?" if damage is None else damage)
+    path.write_bytes({"empty": b"", "short": whole[:20], "changed": whole[:-1] + b"?"}[damage])
     assert is_right(fresh()(NUMBERS, factor=3), NUMBERS, 3)
     fresh()(NUMBERS, factor=3)
     assert fresh.traced == 2
@@ -99,17 +111,90 @@ def test_what_cannot_be_exported_is_traced_in_each_process(fresh, folder, monkey
 
     monkeypatch.setattr(export, "export", refuse)
     for traces in (1, 2):
-        assert is_right(fresh()(NUMBERS, factor=3), NUMBERS, 3)
+        with pytest.warns(UserWarning, match="no stable form"):
+            assert is_right(fresh()(NUMBERS, factor=3), NUMBERS, 3)
         assert fresh.traced == traces
     assert not list(folder.iterdir())
 
 
-def test_features_from_a_kept_trace_are_those_of_a_new_one_to_the_bit(folder):
+def test_a_process_after_it_traces_nothing_and_says_the_same(tmp_path):
+    script = """
+import sys
+from pathlib import Path
+import jax.numpy as jnp
+import numpy as np
+from aprjax.programs import Program, keep_traces
+from tests.test_programs import Inner
+
+def thrice(numbers):
+    print("traced", file=sys.stderr)
+    return Inner(3 * jnp.sin(numbers))
+
+keep_traces(Path(sys.argv[1]))
+print(np.asarray(Program(thrice, Inner)(np.arange(3, dtype=np.float32)).twice).tobytes().hex())
+"""
+    command = [sys.executable, "-c", script, str(tmp_path)]
+    runs = [
+        subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+        for _ in range(2)
+    ]
+    assert [run.stderr.count("traced") for run in runs] == [1, 0]
+    assert runs[0].stdout == runs[1].stdout
+
+
+@pytest.mark.parametrize("name", ["code.py", "numbers.npz"])
+def test_other_code_or_data_of_the_package_is_another_program(tmp_path, name):
+    (tmp_path / "code.py").write_text("one")
+    (tmp_path / "numbers.npz").write_bytes(b"two")
+    before = _surroundings(tmp_path)
+    assert _surroundings(tmp_path) == before
+    (tmp_path / name).write_text("three")
+    assert _surroundings(tmp_path) != before
+
+
+def test_what_is_no_plain_array_is_jitted_as_it_is(fresh, folder):
+    program = fresh()
+    assert float(program(2.0, factor=3).total) == 6.0
+    assert float(program(jnp.asarray(2.0), factor=3).total) == 6.0  # of a weak type
+    with jax.disable_jit():
+        assert is_right(program(NUMBERS, factor=3), NUMBERS, 3)
+    assert not list(folder.iterdir())
+
+
+def test_a_result_that_is_not_as_declared_is_made_without_a_trace(folder):
+    def makes_an_inner(numbers):
+        return Inner(2 * numbers)
+
+    with pytest.warns(UserWarning, match="its result is not made of arrays as"):
+        made = Program(makes_an_inner, Outcome)(NUMBERS)  # pyright: ignore[reportArgumentType]
+    assert np.array_equal(made.twice, 2 * NUMBERS)
+
+
+def test_several_threads_share_one_trace(fresh, folder):
+    program = fresh()
+    with ThreadPoolExecutor(4) as pool:
+        outcomes = list(pool.map(lambda n: program(NUMBERS + n, factor=3), range(8)))
+    assert all(is_right(outcome, NUMBERS + n, 3) for n, outcome in enumerate(outcomes))
+    assert fresh.traced == 1
+
+
+def test_answers_by_a_trace_are_those_without_to_the_bit(folder):
     rng, world = np.random.default_rng(0), office(seed=2)
-    scan = scan_at(world, free_pose(world, rng), rng=rng)
-    program, config = Program(describe, Features), FeatureConfig()
-    new, kept = program(scan, config), Program(describe, Features)(scan, config)
-    keep_traces(None)
-    plain = Program(describe, Features)(scan, config)
-    assert eqx.tree_equal(new, kept, typematch=True)
-    assert eqx.tree_equal(plain, kept, typematch=True)
+    scans = [scan_at(world, free_pose(world, rng), rng=rng) for _ in range(6)]
+    features = Program(references._describe_chunk, Features)
+    matching = Program(batch._match_chunks, MatchResult, static=("rules", "chunk", "together"))
+    answers = []
+    for where in (None, folder):
+        keep_traces(where)
+        with pytest.MonkeyPatch.context() as patched:
+            patched.setattr(references, "_describe_program", again(features))
+            patched.setattr(batch, "_match_program", again(matching))
+            answers.append(match_batch(scans[:2], ReferenceSet.build(scans)))
+    assert len(list(folder.glob("*.trace"))) == 2
+    assert np.asarray(answers[0].valid).any()
+    assert eqx.tree_equal(*answers, typematch=True)
+
+
+def again(program: Program) -> Program:
+    """The program as a new process would have it."""
+    return Program(program._function, program._returns, program._static)

@@ -58,14 +58,21 @@ class View(eqx.Module):
         return jnp.where(self.beams > size, k * self.beams // size, k), k < self.beams
 
     def pad(self, slots: int) -> "View":
-        """The same view with as many entries, those added at the end being none."""
+        """The same view with `slots` entries; those added at the end are no hits.
+
+        Raises `ValueError` if it has more.
+        """
         missing = slots - self.range.shape[-1]
+        if missing < 0:
+            raise ValueError(f"slots: {slots} is fewer than the {slots - missing} there are")
+
+        def pad(array: Array) -> Array:
+            batch = self.range.ndim - 1
+            width = [(0, 0)] * batch + [(0, missing)] + [(0, 0)] * (array.ndim - batch - 1)
+            return jnp.pad(array, width)
+
         names = ("xy", "range", "hit", "linked", "normal")
-        padded = {
-            name: jnp.pad(array, [(0, missing)] + [(0, 0)] * (array.ndim - 1))
-            for name, array in ((name, getattr(self, name)) for name in names)
-        }
-        return replace(self, **padded)
+        return replace(self, **{name: pad(getattr(self, name)) for name in names})
 
     @property
     def scanner(self) -> "Scanner":

@@ -86,8 +86,6 @@ class EdgeTable(eqx.Module):
         self, length: Float[Array, "*k"], tolerance: Float[Array, ""]
     ) -> tuple[Int[Array, "*k"], Int[Array, "*k"]]:
         """Begin and end of the slots whose edges are as long as `length` to within `tolerance`."""
-        # One search for both: as many as are no longer are shorter than the next number up.
-        after = jnp.nextafter(length + tolerance, jnp.inf)
-        limits = jnp.searchsorted(self.length, jnp.stack([length - tolerance, after]))
-        begin, end = limits.astype(jnp.int32)
-        return begin, end
+        begin = jnp.searchsorted(self.length, length - tolerance, side="left")
+        end = jnp.searchsorted(self.length, length + tolerance, side="right")
+        return begin.astype(jnp.int32), end.astype(jnp.int32)

@@ -7,6 +7,7 @@ from aprjax.evaluation.congruence import (
     CongruenceConfig,
     QualityConfig,
     Verdicts,
+    both_ways,
     congruence,
     quality,
     sees,
@@ -27,8 +28,7 @@ EVERY_BEAM = CongruenceConfig(beams=192)
 @jax.vmap
 def _compare(reference, query, T_ref_query):
     config = EVERY_BEAM
-    ahead = congruence(reference, query, inverse(T_ref_query), config)
-    back = congruence(query, reference, T_ref_query, config)
+    ahead, back = both_ways(reference, query, T_ref_query, config)
     seen = sees(reference, T_ref_query[:2]), sees(query, inverse(T_ref_query)[:2])
     anchors = jnp.int32(ANCHORS)
     e_m = quality(ahead, back, *seen, anchors, config.quality)
@@ -94,6 +94,26 @@ def test_verdicts_are_counted_as_beam_by_beam(pairs, offset):
             # A ray may pass a surface's very end on either side.
             np.testing.assert_allclose((got.agree, got.contradict), expected[:2], atol=2)
             assert got.hits == expected[2]
+
+
+def test_both_ways_are_either_way_alone_whatever_the_padding(pairs):
+    first, second, T = (row(tree, slice(2)) for tree in pairs)
+    wider = jax.vmap(lambda view: view.pad(first.range.shape[-1] + 40))(first)
+
+    def each(reference, query, T_ref_query):
+        ahead = congruence(reference, query, inverse(T_ref_query), EVERY_BEAM)
+        return ahead, congruence(query, reference, T_ref_query, EVERY_BEAM)
+
+    alone = jax.vmap(each)(first, second, T)
+    for reference in (first, wider):
+        together = jax.vmap(both_ways, (0, 0, 0, None))(reference, second, T, EVERY_BEAM)
+        for got, expected in zip(jax.tree.leaves(together), jax.tree.leaves(alone), strict=True):
+            np.testing.assert_allclose(got, expected, rtol=1e-5)
+
+
+def test_a_view_is_not_padded_to_fewer_entries(pairs):
+    with pytest.raises(ValueError, match="slots: 3 is fewer than the 192 there are"):
+        row(pairs[0], 0).pad(3)
 
 
 def test_e_m_is_high_at_the_true_pose(pairs):

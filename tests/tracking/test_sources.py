@@ -150,6 +150,17 @@ def test_a_robot_whose_wheels_stand_still_is_doubted_where_one_that_drove_is_not
     assert doubts[0] > 0.5 > doubts[1] == 0.0
 
 
+def test_at_rest_a_wall_two_decimetres_off_is_another_one_and_on_the_way_the_same():
+    around = {"angle_min": 0.0, "angle_increment": 2 * np.pi / 90, "range_max": 8.0}
+    narrow, wide = (Scan.make(np.full(90, radius), **around) for radius in (3.0, 3.2))
+    doubts = []
+    for step in (drive(0.0), drive(1.0)):
+        source = ScanContinuity()
+        source.step(narrow, None)
+        doubts.append(source.step(wide, step).doubt)
+    assert doubts[0] > 0.5 > doubts[1] == 0.0
+
+
 def test_a_scan_without_hits_is_doubted_by_nobody():
     blind = Scan.make(np.full(20, np.inf), angle_min=-1, angle_increment=0.1, range_max=8)
     source = ScanContinuity()
