@@ -89,7 +89,9 @@ def cache_compilations(folder: str | os.PathLike[str] | None = None) -> Path:
     small and quick compilations too. `folder` is made, for the user alone, if it does not
     exist; by default it is `aprjax` in `$XDG_CACHE_HOME`, else in `~/.cache`. Cached programs are
     executed, so a folder of another user, or that others can write to, is refused with a
-    `PermissionError`. Nothing is ever deleted from it; it may be removed at any time.
+    `PermissionError`. Nothing is ever deleted from it, and other code or versions need programs of
+    their own; it may be removed at any time. Call it soon after the import: traces are kept for
+    the code that is installed then (`aprjax.programs`).
     """
     if folder is None:
         folder = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache") / "aprjax"

@@ -45,6 +45,7 @@ def parsed(description: str | None, buildings: int, *, quick: str) -> argparse.N
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
     parser.add_argument("--buildings", type=int, default=buildings, metavar="N")
+    parser.add_argument("--first", type=int, default=0, metavar="SEED", help="the first building's")
     parser.add_argument("--quick", action="store_true", help=quick)
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)

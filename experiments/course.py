@@ -1,6 +1,6 @@
 """The paper's test course (4.B) in simulation, with and without the image classifier.
 
-`python experiments/course.py --out DIR [--quick]`
+`python experiments/course.py --out DIR [--buildings N] [--first SEED] [--quick]`
 
 In each of five simulated buildings of 50 x 70 m, a mapping run goes once round; 53 of its scans
 become references, none of them in the middle of the two long corridors, where all doors are shut
@@ -84,7 +84,7 @@ def main() -> int:
     buildings, cycles = (1, 110) if arguments.quick else (arguments.buildings, None)
 
     rows = []
-    for seed in range(buildings):
+    for seed in range(arguments.first, arguments.first + buildings):
         print(f"building {seed}", file=sys.stderr, flush=True)
         told = course(seed, cycles)
         found = tracked(told)

@@ -1,6 +1,6 @@
 """Kidnapped to random places in simulation, hypotheses beside a particle filter.
 
-`python experiments/kidnappings.py --out DIR [--quick]`
+`python experiments/kidnappings.py --out DIR [--buildings N] [--first SEED] [--quick]`
 
 In each of five simulated buildings of 50 x 70 m, a mapping run goes once round in either direction;
 its scans 1.5 m or 40° apart are the references. Later, with other people about and a quarter of
@@ -82,7 +82,7 @@ def main() -> int:
     particles = PARTICLES[:1] if arguments.quick else PARTICLES
 
     trials, outcomes, rows = [], {}, []
-    for seed in range(buildings):
+    for seed in range(arguments.first, arguments.first + buildings):
         print(f"building {seed}", file=sys.stderr, flush=True)
         trials.append(trial(seed, kidnappings))
         outcomes.setdefault("hypotheses", []).append(by_hypotheses(trials[-1]))
