@@ -117,12 +117,15 @@ class Program(Generic[_Result]):
                 trace = export.export(jax.jit(flat))(*like)
             called = jax.jit(trace.call, compiler_options=compiler_options())
             called.lower(*leaves).compile()
-            if new:
-                with atomic_write(path, "wb") as file:
-                    file.write(_signed(bytes(trace.serialize())))
         except Exception as error:
             warnings.warn(f"{path}: not kept for later processes ({error})", stacklevel=3)
             return lambda leaves: self._jitted(*jax.tree.unflatten(structure, leaves), **static)
+        if new:
+            try:
+                with atomic_write(path, "wb") as file:
+                    file.write(_signed(bytes(trace.serialize())))
+            except Exception as error:  # what is compiled serves this process all the same
+                warnings.warn(f"{path}: not kept for later processes ({error})", stacklevel=3)
         return lambda leaves: jax.tree.unflatten(result, called(*leaves))
 
 
@@ -148,8 +151,8 @@ def compiler_options() -> dict[str, bool | str]:
     """How XLA is to compile the matcher on a CPU.
 
     By default XLA orders what runs on a CPU so that much of it may run at the same time, and hands
-    sums to a library. Here chunks run at the same time; threads and a library that are handed
-    single small operations cost a quarter of the time.
+    sums to a library. Here chunks run at the same time: threads that are handed single small
+    operations cost a quarter of the time, and the library a few hundredths.
     """
     found: dict[str, bool | str] = {}
     for name, value in (

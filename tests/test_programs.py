@@ -103,6 +103,7 @@ def test_a_folder_that_takes_no_file_is_warned_about_and_the_answer_given(fresh,
     keep_traces(folder / "gone")
     with pytest.warns(UserWarning, match="not kept for later processes"):
         assert is_right(fresh()(NUMBERS, factor=3), NUMBERS, 3)
+    assert fresh.traced == 1
 
 
 def test_what_cannot_be_exported_is_traced_in_each_process(fresh, folder, monkeypatch):
