@@ -81,6 +81,7 @@ EXPERIMENTS = {
     "office": Experiment("world models of simulated offices", _file("office")),
     "tracks": Experiment("localization on real drives", _file("tracks")),
     "course": Experiment("Fig. 7 and 4.B in simulation", _file("course")),
+    "volume": Experiment("Fig. 5, and what volumes hold, in simulation", _file("volume")),
     "kidnappings": Experiment("the kidnapped robot in simulation", _file("kidnappings")),
     "soak": Experiment("a day of tracking with sources that fail", _file("soak")),
     "determinism": Experiment(

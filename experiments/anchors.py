@@ -164,16 +164,22 @@ def scan_row(name: str, log: Described) -> dict:
 
 
 def figure1(examples: list[tuple[str, int, aprjax.Scan, Anchors]], path: Path) -> None:
-    """A row for each example: the scan with its anchors, and the graph."""
-    rows = len(examples)
-    figure = Figure(figsize=(10.5, 5 * rows), layout="constrained")
-    grid = figure.subplots(rows, 2, sharex="row", sharey="row", squeeze=False)
-    for (left, right), (name, index, scan, anchors) in zip(grid, examples, strict=True):
-        draw_scan(scan, ax=left)
-        draw_anchors(anchors, ax=left)
-        draw_anchors(anchors, anchor_graph(anchors), ax=right)
-        left.set_title(f"{name}, scan {index}: {left.get_title()}", fontsize=10)
-    write_figure(figure, path)
+    """A column for each example: above the scan with its anchors, below the graph."""
+    figure = Figure(figsize=(4.6 * len(examples), 9.0), layout="constrained")
+    grid = figure.subplots(2, len(examples), sharex="col", sharey="col", squeeze=False)
+    for (above, below), (name, index, scan, anchors) in zip(grid.T, examples, strict=True):
+        draw_scan(scan, ax=above)
+        draw_anchors(anchors, ax=above)
+        draw_anchors(anchors, anchor_graph(anchors), ax=below)
+        above.set_title(f"{name}, scan {index}: {above.get_title()}", fontsize=10)
+    named = {}
+    for ax in grid.flat:
+        named |= dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
+        ax.get_legend().remove()
+    figure.legend(
+        named.values(), named, loc="outside lower center", ncols=len(named), frameon=False
+    )
+    write_figure(figure, path, dpi=85)
 
 
 def main() -> int:

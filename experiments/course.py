@@ -47,6 +47,7 @@ from aprjax.sim.camera import Camera, take_images
 from aprjax.sim.lab import choose_references
 from aprjax.sim.laser import Laser
 from aprjax.sim.plane import compose
+from aprjax.sim.run import Run
 from aprjax.sim.textures import Textures
 from aprjax.tracking.apr import MatchedSource
 from aprjax.tracking.belief import Belief
@@ -62,6 +63,18 @@ IMAGED = 2  # every second scan of the mapping run has an image
 CYCLES = 1, 32, 75, 106
 RIGHT, TURNED = 1.0, np.radians(20)
 AFTER = 5.0  # metres after a corridor that still count as caused by it
+
+
+@dataclass(frozen=True)
+class Survey:
+    """A building, and the map of a run round it."""
+
+    built: Building
+    run: Run
+    """The mapping run."""
+    world: aprjax.WorldModel
+    T_world_node: np.ndarray
+    """`(nodes, 3)`, the truth: to score with."""
 
 
 @dataclass(frozen=True)
@@ -102,26 +115,41 @@ def main() -> int:
 
 def course(seed: int, cycles: int | None) -> Course:
     """A building, a map with image classes, and so many cycles of a course in it."""
-    built = building(seed, shut=True)
-    laser = Laser.sick(1.0, range_max=RANGE)
-    run = recorded(
-        seed, built, [poses_along(lap(100 + seed, built, visits=3), MAPPING_STEP)], laser
+    known = survey(seed)
+    built, T_world_laser = known.built, known.run.T_world_laser
+    camera, textures = Camera(), Textures.draw(200 + seed, built.plan)
+    imaged = np.arange(0, len(T_world_laser), IMAGED)
+    images = take_images(300 + seed, camera, built.plan, textures, T_world_laser[imaged])
+    classifier = ViewClassifier.train(list(images), image_features, seed)
+    register_images(known.world, classifier, dict(zip(imaged.tolist(), images, strict=True)))
+
+    later, drive = driven(seed, built, cycles)
+    way = drive.T_world_laser
+    images = take_images(700 + seed, camera, later.plan, textures, way)
+    return Course(
+        built, known.world, known.T_world_node, classifier, entries_of(drive), images, way
     )
-    entries = entries_of(run)
+
+
+def survey(seed: int) -> Survey:
+    """A building, and a map whose references leave out the middle of the long corridors."""
+    built = building(seed, shut=True)
+    way = poses_along(lap(100 + seed, built, visits=3), MAPPING_STEP)
+    run = recorded(seed, built, [way], _laser())
     seen = np.flatnonzero(~built.is_blank(run.T_world_laser[:, :2]))
     references = seen[choose_references(run.T_world_laser[seen], REFERENCES)]
-    world, T_world_node = mapped(seed, run, entries, references)
-    camera, textures = Camera(), Textures.draw(200 + seed, built.plan)
-    imaged = np.arange(0, len(entries), IMAGED)
-    images = take_images(300 + seed, camera, built.plan, textures, run.T_world_laser[imaged])
-    classifier = ViewClassifier.train(list(images), image_features, seed)
-    register_images(world, classifier, dict(zip(imaged.tolist(), images, strict=True)))
+    return Survey(built, run, *mapped(seed, run, entries_of(run), references))
 
+
+def driven(seed: int, built: Building, cycles: int | None) -> tuple[Building, Run]:
+    """The building as it is later, and so many cycles of a course in it, by default all."""
     later = built.later(400 + seed)
     way = poses_along(lap(500 + seed, built, visits=1), STEP)[:cycles]
-    drive = recorded(600 + seed, later, [way], laser)
-    images = take_images(700 + seed, camera, later.plan, textures, way)
-    return Course(built, world, T_world_node, classifier, entries_of(drive), images, way)
+    return later, recorded(600 + seed, later, [way], _laser())
+
+
+def _laser() -> Laser:
+    return Laser.sick(1.0, range_max=RANGE)
 
 
 def tracked(told: Course) -> dict[str, list[Belief]]:

@@ -170,7 +170,7 @@ def main() -> int:
         row, world = figures(name, arguments.stages, timed=arguments.timed)
         rows.append(row)
         write_figure(
-            figure_of(draw_world(world, relax(world))), arguments.out / f"{name}.png", dpi=130
+            figure_of(draw_world(world, relax(world))), arguments.out / f"{name}.png", dpi=110
         )
         write_table(rows, arguments.out / "maps.csv")
         jax.clear_caches()  # the next log's scans have other shapes

@@ -131,15 +131,23 @@ def _draw_graph(
     for a, b in combinations(range(len(xy)), 2):
         style = "--" if below else "-"
         ax.plot(*xy[[a, b]].T, color=colour, linewidth=1.2, ls=style)
+    style = {"textcoords": "offset points", "ha": "center", "va": "center", "fontsize": 11}
     for number, point in enumerate(xy, 1):
         ax.plot(*point, "o", color=colour, markersize=6)
-        offset = (6, -12) if below else (6, 6)
-        ax.annotate(
-            str(number), point, textcoords="offset points", xytext=offset, color=colour, fontsize=11
-        )
+        # Those of the graph below another stand beyond the other's numbers.
+        offset = (24 if below else 12) * _away(point, G_1 if below else xy)
+        ax.annotate(str(number), point, xytext=tuple(offset), color=colour, **style)
     ax.set_aspect("equal", adjustable="datalim")
     ax.set(xlabel="x / m", ylabel="y / m", title=title)
-    ax.margins(0.15)
+    ax.margins(0.25)
+
+
+def _away(point: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """The direction `(2,)` in which the edges to the other points `(n, 2)` leave most room."""
+    edges = others - point
+    length = np.hypot(*edges.T)
+    towards = np.sum(edges[length > 0.1] / length[length > 0.1, None], axis=0)
+    return -towards / np.hypot(*towards)
 
 
 def _draw_matrix(ax: Axes, matrix: np.ndarray, title: str) -> None:

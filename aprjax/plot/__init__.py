@@ -12,6 +12,7 @@
 | an occupancy grid | `aprjax.plot.grid.draw_grid` |
 | a map from a drive | `aprjax.plot.world.draw_world` |
 | a tracker's hypotheses in it | `aprjax.plot.hypotheses.draw_hypotheses` |
+| volumes of hypotheses in a node's frame, on 3D axes | `aprjax.plot.volume.draw_volumes` |
 
 Each takes what it shows and `ax`, the axes to draw on, and returns the artists it added:
 

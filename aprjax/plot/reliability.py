@@ -23,10 +23,12 @@ def draw_reliability(
     drawn: list[Artist] = [*ax.plot([0, 1], [0, 1], color=_LINE, linewidth=0.8, zorder=1)]
     area = 15 + 285 * bins.count / max(bins.count.max(initial=1), 1)
     drawn.append(ax.scatter(bins.claimed, bins.right, s=area, color=_DOTS, alpha=0.7, zorder=2))
-    below = {"textcoords": "offset points", "xytext": (0, -15), "ha": "center", "fontsize": 7}
+    style = {"textcoords": "offset points", "ha": "center", "va": "top", "fontsize": 7}
     drawn += [
-        ax.annotate(str(count), (x, y), **below)
-        for x, y, count in zip(bins.claimed, bins.right, bins.count, strict=True)
+        ax.annotate(str(count), (x, y), xytext=(0, -radius - 2), **style)
+        for x, y, count, radius in zip(
+            bins.claimed, bins.right, bins.count, np.sqrt(area / np.pi), strict=True
+        )
     ]
     ax.set(xlim=(-0.12, 1.12), ylim=(-0.12, 1.12), xlabel="probability", ylabel="share right")
     ax.set_title(f"{title}  error {bins.error:.3f}".strip(), fontsize=9)

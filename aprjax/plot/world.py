@@ -58,7 +58,7 @@ def draw_world(
         zorder=6,
     )
     drawn.append(nodes)
-    centred = {"ha": "center", "va": "center", "fontsize": 5.5, "zorder": 7}
+    centred = {"ha": "center", "va": "center", "fontsize": 5.5, "zorder": 9}  # over gaps too
     drawn += [ax.annotate(str(node), (T[0], T[1]), **centred) for node, T in T_root_node.items()]
     frame(ax, places, lasers[:, :2], margin=_MARGIN)
     add_legend(ax)
