@@ -32,13 +32,10 @@ class Experiment:
     what: str
     script: tuple[str, ...]
     quick: tuple[str, ...] = ("--quick",)
-    writes: bool = True
-    """Whether it takes `--out`."""
 
     def command(self, out: Path, quick: bool) -> list[str]:
         """The words after the interpreter."""
-        where = ("--out", str(out)) if self.writes else ()
-        return [*self.script, *where, *(self.quick if quick else ())]
+        return [*self.script, "--out", str(out), *(self.quick if quick else ())]
 
 
 def _file(name: str) -> tuple[str, ...]:
@@ -90,7 +87,7 @@ EXPERIMENTS = {
     "kills": Experiment("processes killed while they write", _file("kills"), ("--kills", "2")),
     "idc": Experiment("iterative dual correspondence", _file("idc")),
     "scan_classifier": Experiment(
-        "classes of real scans", _file("scan_classifier"), ("--seeds", "1"), writes=False
+        "classes of real scans", _file("scan_classifier"), ("--seeds", "1")
     ),
     "image_classifier": Experiment(
         "classes of simulated images", _file("image_classifier"), ("--floors", "1")

@@ -2,8 +2,8 @@
 
     python experiments/anchors.py --out DIR [--quick]
 
-Reads corrected logs (see `data.py` for where). Writes `figure1.png`, `repeatability.csv` and
-`scans.csv` into DIR.
+Reads corrected logs (see `data.py` for where). Writes `figure1.png`, `repeatability.csv`,
+`scans.csv` and `configuration.json` into DIR.
 """
 
 import argparse
@@ -15,7 +15,7 @@ import jax
 import numpy as np
 from data import corrected_log
 from matplotlib.figure import Figure
-from outputs import print_table, write_figure, write_table
+from outputs import print_table, write_configuration, write_figure, write_table
 
 import aprjax
 from aprjax.anchors.candidates import Kind
@@ -31,6 +31,7 @@ FIGURE = (("freiburg-079", 117), ("fhw", 54), ("intel", 364))
 LOGS = ("freiburg-079", "intel")
 WITHIN = ((0.5, 20.0), (1.0, 30.0), (2.0, 30.0))  # metres, degrees
 APART = 0.1  # metres at least between the scans of a pair: a robot at rest repeats anything
+RADIUS = 0.1  # metres within which an anchor reappears
 CHUNK = 64
 
 
@@ -200,16 +201,23 @@ def main() -> int:
         examples.append((name, index, scan, jax.tree.map(lambda array: array[0], anchors)))
     figure1(examples, arguments.out / "figure1.png")
 
+    pairs = 100 if arguments.quick else 500
+    # Freiburg's log has a scan every 9 cm; a fifth of them leaves pairs enough.
+    every = {
+        name: (5 if name == "freiburg-079" else 1) * (4 if arguments.quick else 1) for name in LOGS
+    }
     repeated, described = [], []
     for name in LOGS:
-        # Freiburg's log has a scan every 9 cm; a fifth of them leaves pairs enough.
-        step = (5 if name == "freiburg-079" else 1) * (4 if arguments.quick else 1)
-        log = read(paths[name], step)
-        repeated += repeatability_rows(name, log, pairs=100 if arguments.quick else 500, radius=0.1)
+        log = read(paths[name], every[name])
+        repeated += repeatability_rows(name, log, pairs, RADIUS)
         described.append(scan_row(name, log))
     for rows, name in ((repeated, "repeatability"), (described, "scans")):
         write_table(rows, arguments.out / f"{name}.csv")
         print_table(rows)
+    write_configuration(
+        arguments.out, figure=FIGURE, logs=LOGS, every=every, pairs=pairs, within=WITHIN,
+        apart=APART, radius=RADIUS,
+    )  # fmt: skip
     return 0
 
 

@@ -4,9 +4,10 @@
 
 Logistic regression over ln e_m of the best hypotheses on the simulated floors of seeds 10 to 15
 (none of them is the demo's), a quarter of the weight on scans of another floor, which no
-reference shows. Prints the curve beside the package's own, `ProbabilityConfig`, and draws both
-over the shares that were right, `calibration.png`. `real_logs.py` holds the package's curve
-against real logs; nothing is fitted to them.
+reference shows. Prints and writes the curve beside the package's own, `ProbabilityConfig`, as
+`calibration.csv`, and draws both over the shares that were right, `calibration.png`;
+`configuration.json` is what made them. `real_logs.py` holds the package's curve against real logs;
+nothing is fitted to them.
 """
 
 import argparse
@@ -16,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from outputs import print_table, write_figure, write_table
+from outputs import print_table, write_configuration, write_figure, write_table
 
 import aprjax
 from aprjax.evaluation.probability import ProbabilityConfig
@@ -104,7 +105,8 @@ def main() -> int:
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
 
-    best = sample(SEEDS[:2] if arguments.quick else SEEDS, 50 if arguments.quick else 300)
+    seeds, queries = (SEEDS[:2], 50) if arguments.quick else (SEEDS, 300)
+    best = sample(seeds, queries)
     own = ProbabilityConfig()
     curves = {"fitted": fitted(best), "package": (float(own.offset), float(own.slope))}
     rows = [
@@ -114,6 +116,7 @@ def main() -> int:
     write_table(rows, arguments.out / "calibration.csv")
     print_table(rows)
     write_figure(picture(best, curves), arguments.out / "calibration.png")
+    write_configuration(arguments.out, seeds=list(seeds), queries=queries, strange=STRANGE)
     return 0
 
 

@@ -3,11 +3,12 @@
     python experiments/cascade.py --out DIR [--quick] [--stride N] [SPLIT ...]
 
 For each split (see `data.py` for where) every fourth query is matched with all references, once
-with `MatchConfig(cascade=True)` and once with `cascade=False`. Prints and writes `cascade.csv` and
-`configuration.json` into DIR: top1 and hits of both (shares of the mapped queries, as in
-`real_logs.py`); of how many queries the best answers differ, in the reference, or by more than
-0.1 m or 2°, and of these how many are right only with the cascade and only without; and how often
-the shortlist lost the best answer (`lost`): the cascade has another one of lower e_m, or none.
+with `MatchConfig(cascade=True)` and once with `cascade=False`. Prints, and writes into DIR,
+`cascade.csv`: top1 and hits of both (shares of the mapped queries, as in `real_logs.py`); of how
+many queries the best answers differ, in the reference, or by more than 0.1 m or 2°, and of these
+how many are right only with the cascade and only without; and how often the shortlist lost the best
+answer (`lost`): the cascade has another one of lower e_m, or none. `cascade.png` shows the hits;
+`configuration.json` is what made them.
 """
 
 import argparse
@@ -18,7 +19,8 @@ from pathlib import Path
 import jax
 import numpy as np
 from data import Split, read_split, split_names
-from outputs import print_table, write_configuration, write_table
+from matplotlib.figure import Figure
+from outputs import grouped_bars, print_table, write_configuration, write_figure, write_table
 
 import aprjax
 from aprjax.metrics import deviations, is_right, score_matches, world_poses
@@ -83,8 +85,22 @@ def _best(array: jax.Array) -> np.ndarray:
     return np.asarray(array)[:, 0]
 
 
+def draw(rows: list[dict]) -> Figure:
+    """Hits with and without the cascade by split."""
+    figure = Figure(figsize=(7.5, 0.5 * len(rows) + 1.3), layout="constrained")
+    ax = figure.add_subplot()
+    hits = {
+        "with the cascade": [row["hits"] for row in rows],
+        "all alternatives evaluated": [row["hits_all"] for row in rows],
+    }
+    grouped_bars(ax, [row["split"] for row in rows], hits)
+    ax.set(xlim=(0, 1.1), xlabel="hits with at most 0.2 % false")
+    figure.legend(loc="outside lower center", ncols=2, frameon=False)
+    return figure
+
+
 def main() -> int:
-    """Match, print, write; the exit status."""
+    """Match, print, draw; the exit status."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -99,6 +115,7 @@ def main() -> int:
     rows = [compared(read_split(name, stride)) for name in names]
     print_table(rows)
     write_table(rows, arguments.out / "cascade.csv")
+    write_figure(draw(rows), arguments.out / "cascade.png")
     write_configuration(arguments.out, splits=names, every=stride)
     return 0
 

@@ -6,8 +6,8 @@ Walks `FeatureConfig` and `MatchConfig`; all else keeps its default. Four splits
 `data.py` for where) are matched with all references, every fourth query of them. One row for each
 setting: the means over the splits of top1, hits and the median error of right answers, as in
 `real_logs.py`, and the effect, the largest change of top1 or hits either way. Prints the rows by
-effect, and the settings that are left out with the reason; writes `defaults.csv`, row by row, and
-`configuration.json` into DIR.
+effect, and the settings that are left out with the reason; writes `defaults.csv`, row by row,
+`configuration.json`, and `defaults.png`, the settings of the greatest effect, into DIR.
 
 Thresholds compile nothing; a capacity compiles anew for each value and split. With --quick
 capacities are left out.
@@ -24,7 +24,15 @@ from typing import Any
 import jax
 import numpy as np
 from data import Split, read_split
-from outputs import print_table, write_configuration, write_table
+from matplotlib.figure import Figure
+from outputs import (
+    DARK,
+    grouped_bars,
+    print_table,
+    write_configuration,
+    write_figure,
+    write_table,
+)
 
 import aprjax
 from aprjax.configuration import from_dict, to_dict
@@ -33,6 +41,7 @@ from aprjax.metrics import score_matches
 SPLITS = ("freiburg-079.revisit", "fhw.revisit", "aces.interleaved", "belgioioso.interleaved")
 FACTORS = {"halved": 0.5, "doubled": 2.0}
 FIGURES = ("top1", "hits", "error_m")
+DRAWN = 16  # settings
 
 _LAST_SOLVE = (
     "noise",
@@ -140,8 +149,28 @@ def row(name: str, default: Any, found: dict[str, dict[str, float]], base: dict)
     }
 
 
+def draw(rows: list[dict]) -> Figure:
+    """How far the settings of the greatest effect move top1 and hits."""
+    base, *others = rows
+    others = others[:DRAWN]
+    names = [f"{row['setting']} ({row['default']})" for row in others]
+    figure = Figure(figsize=(11, 0.36 * len(others) + 1.4), layout="constrained")
+    panels = figure.subplots(1, 2, sharey=True)
+    for ax, of in zip(panels, FIGURES[:2], strict=True):
+        start = float(base[f"{of}_halved"])
+        found = {label: [float(row[f"{of}_{label}"]) for row in others] for label in FACTORS}
+        grouped_bars(ax, names, found, start)
+        ax.axvline(start, color=DARK, lw=0.8)
+        ax.set_xlabel(f"{of} (defaults: {start:.3f})")
+        ax.grid(axis="x", color="#dddddd", linewidth=0.5)
+        ax.set_axisbelow(True)
+    handles = panels[0].get_legend_handles_labels()
+    figure.legend(*handles, loc="outside lower center", ncols=2, frameon=False)
+    return figure
+
+
 def main() -> int:
-    """Measure, print, write; the exit status."""
+    """Measure, print, draw; the exit status."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -177,6 +206,7 @@ def main() -> int:
         print(f"{number} of {len(varied)}: {setting.name}", file=sys.stderr, flush=True)
 
     print_table(rows)
+    write_figure(draw(rows), arguments.out / "defaults.png")
     print("left out:")
     for setting in everything:
         if setting.reason is not None:

@@ -5,7 +5,7 @@
 The first run of a command compiles, the second takes what the first has compiled. What a command
 prints is compared as its files are, bit by bit: tables, maps, pages, PNG and GIF. Times stand in
 `times.csv` of a sweep and in the rows of `demo` that say so, and are left out. Prints and writes
-`determinism.csv` into DIR.
+`determinism.csv`, and writes `configuration.json` and, in folders, what was compared, into DIR.
 """
 
 import argparse
@@ -15,7 +15,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from outputs import print_table, write_table
+from outputs import print_table, write_configuration, write_table
 
 _SWEEP = ("--set", "congruence.tolerance=0.04:0.08:2", "--set", "voting.length=0.06:0.12:2")
 
@@ -100,13 +100,14 @@ def main() -> int:
     for name in arguments.commands:
         if name not in known:
             parser.error(f"{name!r} is none of {', '.join(known)}")
+    chosen = arguments.commands or list(known)
     scans = ("--references", "8", "--scans", "160", "--resolution", "1")
     run(("simulate", *scans, "--out", "{out}"), inputs, cache)
     build = ("map", "build", str(inputs / "second.log.gz"), "--out", "{out}/world.map")
     run(build, folder / "built", cache)
     (folder / "built" / "world.map").rename(inputs / "world.map")
     rows, status = [], 0
-    for name in arguments.commands or known:
+    for name in chosen:
         at = name.replace(" ", "-")
         first, second = (run(known[name], folder / at / turn, cache) for turn in ("1", "2"))
         off = differing(first, second)
@@ -118,6 +119,7 @@ def main() -> int:
         for each in off:
             print(f"{name}: {each} differs", file=sys.stderr)
         write_table(rows, folder / "determinism.csv")
+    write_configuration(folder, commands=chosen)
     return status
 
 

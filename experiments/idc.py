@@ -8,8 +8,8 @@ fixed seed; starts 0.3 m off in a random direction and 10° to a random side. Pr
 each split and for all the median error, the share within 0.2 m and 2°, the share that
 `converged`, and that of pairs of different places which did, the queries given to each other's
 references. Beside them what point-to-line refinement (`refine`) alone makes of the same starts.
-Writes `idc.csv`. The logs' poses serve only to choose pairs and to score; see `data.py` for where
-the logs lie.
+Writes `idc.csv`, `idc.png`, the distributions of both errors, and `configuration.json`. The logs'
+poses serve only to choose pairs and to score; see `data.py` for where the logs lie.
 """
 
 import argparse
@@ -21,9 +21,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from data import Split, read_split, split_names
-from outputs import print_table, write_table
+from matplotlib.figure import Figure
+from outputs import BLUE, DARK, LIGHT, print_table, write_configuration, write_figure, write_table
 
 import aprjax
+from aprjax.configuration import to_dict
 from aprjax.evaluation.view import View
 from aprjax.metrics import deviations, relative
 from aprjax.refine import RefineConfig, refine
@@ -38,7 +40,7 @@ FARTHEST = 6.0  # metres between reference and query
 
 
 def main() -> int:
-    """Choose pairs, match, print, write; the exit status."""
+    """Choose pairs, match, print, draw; the exit status."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
@@ -48,7 +50,8 @@ def main() -> int:
     refine_batch = jax.jit(jax.vmap(refine, (0, 0, 0, None)))
     rows, ends = [], []
     count = 10 if arguments.quick else PAIRS
-    for name in split_names():
+    names = split_names()
+    for name in names:
         references, queries, truth = pairs_of(read_split(name), count)
         start = starts(truth)
         idc(references, queries, start, IdcConfig())
@@ -62,11 +65,17 @@ def main() -> int:
         gap_alone, turn_alone = deviations(np.asarray(alone, float), truth)
         ends.append(np.stack([gap, turn, found.converged, wrong, gap_alone, turn_alone]))
         rows.append({"split": name, **figures(*ends[-1]), "ms": f"{ms:.1f}"})
-    rows.append({"split": "all", **figures(*np.concatenate(ends, axis=1)), "ms": ""})
+    every = np.concatenate(ends, axis=1)
+    rows.append({"split": "all", **figures(*every), "ms": ""})
 
     print_table(rows)
     arguments.out.mkdir(parents=True, exist_ok=True)
     write_table(rows, arguments.out / "idc.csv")
+    write_figure(draw(*every), arguments.out / "idc.png")
+    write_configuration(
+        arguments.out, splits=names, pairs=count, overlap=OVERLAP,
+        start_m=DISTANCE, start_rad=ANGLE, idc=to_dict(IdcConfig()),
+    )  # fmt: skip
     return 0
 
 
@@ -83,6 +92,25 @@ def figures(gap, turn, converged, wrong, gap_alone, turn_alone) -> dict[str, obj
         "refine_m": f"{np.median(gap_alone):.3f}",
         "refine_within": f"{np.mean((gap_alone < NEAR) & (turn_alone < TURNED)):.3f}",
     }
+
+
+def draw(gap, turn, converged, wrong, gap_alone, turn_alone) -> Figure:
+    """Distributions of some pairs' ends beside the starts."""
+    figure = Figure(figsize=(9.5, 3.8), layout="constrained")
+    panels = figure.subplots(1, 2, sharey=True)
+    share = np.arange(1, len(gap) + 1) / len(gap)
+    for ax, start, ends, unit in (
+        (panels[0], DISTANCE, (gap, gap_alone), "distance from the truth / m"),
+        (panels[1], np.degrees(ANGLE), np.degrees((turn, turn_alone)), "angle from the truth / °"),
+    ):
+        ax.axvline(start, color=DARK, lw=1.0, ls="--", label="all starts")
+        for end, colour, label in zip(ends, (BLUE, LIGHT), ("idc", "refine alone"), strict=True):
+            ax.step(np.sort(end), share, where="post", color=colour, lw=1.6, label=label)
+        ax.set(xscale="log", xlabel=unit, ylim=(0, 1.02))
+        ax.grid(color="#dddddd", linewidth=0.5)
+    panels[0].set_ylabel("share of the pairs as near or nearer")
+    panels[0].legend(fontsize=8, loc="upper left")
+    return figure
 
 
 def starts(truth: np.ndarray) -> np.ndarray:

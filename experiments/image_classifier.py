@@ -1,14 +1,15 @@
 """The image classifier in simulation: are a second drive's images of the classes of their places?
 
-`python experiments/image_classifier.py [--floors N] [--out DIR]`
+`python experiments/image_classifier.py --out DIR [--floors N]`
 
 On each simulated floor, a camera takes 600 images of a mapping drive of five minutes; growing
 neural gas of 150 neurons sorts them into classes. Then 300 images of another drive, in other light,
 after a quarter of the doors and movable furniture were moved. Prints the share of these that falls
 into a class registered at its place, or a neighbour of one, and the share of pairs of an image and
 a place over 5 m away of which that holds: `here` and `far` with the classes of all mapping images
-within 1 m and 40° of the place, `nearest` with the one class of the image there. With `--out`, also
-draws views of both drives at the same places to `images.png`.
+within 1 m and 40° of the place, `nearest` with the one class of the image there. Writes
+`image_classifier.csv`, `image_classifier.png`, `configuration.json` and `images.png`, views of both
+drives at the same places.
 """
 
 import argparse
@@ -16,11 +17,14 @@ import dataclasses
 import sys
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
+from outputs import print_table, write_configuration, write_figure, write_table
+from scan_classifier import draw, with_mean
 
 from aprjax.places.classifier import ViewClassifier
 from aprjax.places.features import image_features
+from aprjax.places.neural_gas import NeuralGasConfig
 from aprjax.places.recognition import recognition
 from aprjax.sim.camera import Camera, take_images
 from aprjax.sim.drive import drive
@@ -40,15 +44,15 @@ class Drive:
 
 
 def main() -> int:
-    """Drive, train, classify, print; the exit status."""
+    """Drive, train, classify, print, draw; the exit status."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
     parser.add_argument("--floors", type=int, default=5, metavar="N")
-    parser.add_argument("--out", type=Path, metavar="DIR")
     arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
 
-    print("floor  mapped   here    far  here_nearest  far_nearest")
     rows = []
     for floor in range(arguments.floors):
         mapping, second = drives(floor, Camera())
@@ -58,12 +62,17 @@ def main() -> int:
             (mapping.poses, classifier.classify(list(mapping.images))),
             (second.poses, classifier.classify(list(second.images))),
         )
-        rows.append(dataclasses.astuple(result))
-        show(str(floor), rows[-1])
-    show("mean", tuple(np.mean(rows, axis=0)))
-    if arguments.out is not None:
-        arguments.out.mkdir(parents=True, exist_ok=True)
-        draw(arguments.out / "images.png")
+        rows.append({"floor": floor, **dataclasses.asdict(result)})
+    rows = with_mean(rows)
+    print_table(rows)
+    write_table(rows, arguments.out / "image_classifier.csv")
+    write_figure(draw(rows), arguments.out / "image_classifier.png")
+    write_figure(views(), arguments.out / "images.png", dpi=100)
+    write_configuration(
+        arguments.out, floors=list(range(arguments.floors)), mapping=MAPPING, second=SECOND,
+        rearranged=REARRANGED, camera=dataclasses.asdict(Camera()),
+        gas=dataclasses.asdict(NeuralGasConfig()),
+    )  # fmt: skip
     return 0
 
 
@@ -82,21 +91,15 @@ def drives(floor: int, camera: Camera) -> tuple[Drive, Drive]:
     )
 
 
-def show(label: str, row: tuple) -> None:
-    """One line of the table."""
-    mapped, here, far, here_nearest, far_nearest = row
-    shares = f"{here:.3f}  {far:.3f}  {here_nearest:12.3f}  {far_nearest:11.3f}"
-    print(f"{label:5s}  {mapped:6.0f}  {shares}")
-
-
-def draw(path: Path, pairs: int = 4) -> None:
+def views(pairs: int = 4) -> Figure:
     """Views of both drives at about the same places, finer than the classifier gets them."""
     mapping, second = drives(0, Camera(rows=48, columns=192))
     gap = second.poses[:, None] - mapping.poses
     turn = np.abs((gap[..., 2] + np.pi) % (2 * np.pi) - np.pi)
     cost = np.hypot(gap[..., 0], gap[..., 1]) + turn
     near = np.argsort(cost.min(axis=1))[:100]
-    figure, axes = plt.subplots(pairs, 2, figsize=(12, 1.7 * pairs), layout="constrained")
+    figure = Figure(figsize=(12, 1.7 * pairs), layout="constrained")
+    axes = figure.subplots(pairs, 2)
     for ax, index in zip(axes, near[:: 100 // pairs], strict=False):
         ax[0].imshow(mapping.images[cost[index].argmin()])
         ax[1].imshow(second.images[index])
@@ -104,7 +107,7 @@ def draw(path: Path, pairs: int = 4) -> None:
         ax.set_title(title)
     for ax in axes.flat:
         ax.set_axis_off()
-    figure.savefig(path, dpi=100)
+    return figure
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ Simulates two runs, carries out each command (`match`, `build` for `map build`, 
 other one at any moment, the others once it has begun to write. After each kill no file may carry a
 final name unless it is the whole run's, bit by bit; no finished piece of `match` and `sweep` may
 be gone or differ. In the end the command must come to the same files again, measured times apart.
-Prints and writes `kills.csv` into DIR.
+Prints and writes `kills.csv`, and writes `configuration.json`, into DIR, where the runs lie too.
 """
 
 import argparse
@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from outputs import print_table, write_table
+from outputs import print_table, write_configuration, write_table
 
 from aprjax.io.archive import ArchiveError, read_archive
 
@@ -206,6 +206,7 @@ def main() -> int:
     for command in arguments.commands:
         if command not in COMMANDS:
             parser.error(f"{command!r} is none of {', '.join(COMMANDS)}")
+    chosen = arguments.commands or COMMANDS
     folder = arguments.out
     simulate = ("simulate", "--references", "8", "--scans", "160", "--resolution", "1")
     subprocess.run(
@@ -213,7 +214,7 @@ def main() -> int:
         check=True, stderr=subprocess.DEVNULL,
     )  # fmt: skip
     rows, broken = [], []
-    for command in arguments.commands or COMMANDS:
+    for command in chosen:
         if command == "localize" and not (folder / "whole.build").exists():
             run("build", folder, folder / "whole.build")
         expected, seconds = whole(command, folder)
@@ -232,6 +233,7 @@ def main() -> int:
         broken += [f"{command} {line}" for line in outcome.broken]
         print_table(rows[-1:])
         write_table(rows, folder / "kills.csv")
+    write_configuration(folder, commands=chosen, kills=arguments.kills, seed=arguments.seed)
     for line in broken:
         print(line, file=sys.stderr)
     return int(bool(broken))

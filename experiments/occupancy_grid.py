@@ -11,8 +11,8 @@ lies within 2 m and 40° of it. See `data.py` for where the logs lie.
 
 Prints, and writes into DIR: `occupancy_grid.csv` (shares of the mapped scans that are right, and
 that are right and `confident`; confident ones that are wrong, of all scans), `map.yaml` and
-`map.pgm`, and `grid.png`, the grid with its viewpoints and the answers. The exit status is 1 if
-less than 0.90 of the mapped scans are right.
+`map.pgm`, `grid.png`, the grid with its viewpoints and the answers, and `configuration.json`. The
+exit status is 1 if less than 0.90 of the mapped scans are right.
 """
 
 import argparse
@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 from data import track_folder
-from outputs import print_table, write_figure, write_table
+from outputs import print_table, write_configuration, write_figure, write_table
 
 import aprjax
 from aprjax.io.trajectory import read_tum
@@ -55,7 +55,8 @@ def main() -> int:
     began = time.perf_counter()
     references = aprjax.ReferenceSet.from_occupancy_grid(grid)
     seconds = time.perf_counter() - began
-    track, T_world_track = run_of(arguments.track, "track", 4 if arguments.quick else 1)
+    every = 4 if arguments.quick else 1
+    track, T_world_track = run_of(arguments.track, "track", every)
     mapped = near_any(T_world_track, T_world_build)
     result = aprjax.match_batch(track, references)
     found = world_poses(result, references.ids, references.T_world_ref)[:, 0]
@@ -82,6 +83,9 @@ def main() -> int:
         grid, references.T_world_ref, right=T_world_track[right], wrong=T_world_track[~right]
     )
     write_figure(figure_of(drawn), arguments.out / "grid.png")
+    write_configuration(
+        arguments.out, track=arguments.track, every=every, resolution=arguments.resolution
+    )
     return 0 if right[mapped].mean() >= LEAST else 1
 
 

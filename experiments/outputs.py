@@ -2,14 +2,19 @@
 
 import csv
 import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import aprjax
 from aprjax.atomic import atomic_write
 from aprjax.configuration import to_dict
+
+BLUE, LIGHT, DARK = "#1f5fa8", "#9db8d6", "#333333"
 
 
 def write_table(rows: list[dict], path: Path) -> None:
@@ -33,6 +38,26 @@ def write_figure(figure: Figure, path: Path, dpi: int = 110) -> None:
     """The figure as a PNG file."""
     with atomic_write(path, "wb") as file:
         figure.savefig(file, format="png", dpi=dpi)
+
+
+def grouped_bars(
+    ax: Axes, names: Sequence[str], series: Mapping[str, Sequence[float]], start: float = 0.0
+) -> None:
+    """For each name, from above, a bar of either series; with their values where they start at 0.
+
+    Bars reach from `start` to the values.
+    """
+    for (label, values), offset, colour in zip(
+        series.items(), (-0.2, 0.2), (BLUE, LIGHT), strict=True
+    ):
+        places, lengths = np.arange(len(names)) + offset, np.subtract(values, start)
+        bars = ax.barh(places, lengths, left=start, height=0.4, color=colour, label=label)
+        if start == 0.0:
+            ax.bar_label(bars, fmt="%.3f", padding=3, fontsize=8)
+    ax.set_yticks(range(len(names)), names)
+    # Axes that share their names are turned once, not back again.
+    if not ax.yaxis_inverted():
+        ax.invert_yaxis()
 
 
 def write_configuration(folder: Path, **more: Any) -> None:

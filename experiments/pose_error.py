@@ -5,9 +5,9 @@
 The queries of several seeds of the lab are matched globally with its references. Best hypotheses
 that are right (within 0.5 m and 10° of the truth) are counted: their median errors, the mean of
 e' C⁻¹ e, where e is the error of (x, y, theta) and C its covariance, which is 3 for a perfect
-estimate of C, and the share that lies inside the 95 % region. Writes `pose_error.csv` and
-`pose_error.png` into DIR; the exit status is 1 if over all seeds the mean is not from 2 to 4 or
-less than 90 % lie inside.
+estimate of C, and the share that lies inside the 95 % region. Writes `pose_error.csv`,
+`pose_error.png` and `configuration.json` into DIR; the exit status is 1 if over all seeds the mean
+is not from 2 to 4 or less than 90 % lie inside.
 """
 
 import argparse
@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from outputs import print_table, write_figure, write_table
+from outputs import print_table, write_configuration, write_figure, write_table
 
 import aprjax
 from aprjax.metrics import is_right, world_poses
@@ -117,6 +117,7 @@ def main() -> int:
     write_table([*rows, total], arguments.out / "pose_error.csv")
     print_table([*rows, total])
     picture(error, square, arguments.out / "pose_error.png")
+    write_configuration(arguments.out, seeds=list(seeds), queries=queries)
     consistent = 2 <= total["mean_normalised"] <= 4 and total["inside_95"] >= 0.9
     return 0 if consistent else 1
 

@@ -6,10 +6,11 @@ A robot drives round a ring of nodes at 0.5 m/s, one step a second, and is carri
 an hour. Its wheels, a global localization technique and a validation source are simulated: noisy,
 sometimes wrong, and each now and then out of order for a while, when it raises errors, is silent,
 or answers nonsense; stamps come late or from a clock set anew. Every hour the tracker is saved as
-JSON and a new one goes on from there. Prints and writes `soak.csv` (ten simulated minutes a row)
-and `soak.png` into DIR. The exit status is 1 unless the λ sum to one within 1e-9 and lie in [0, 1]
-throughout, and memory and the time of a step in the last quarter are those of the second (memory
-within 5 MiB, time by half). `--quick` is one simulated hour, without the last two.
+JSON and a new one goes on from there. Prints and writes `soak.csv` (ten simulated minutes a row),
+and writes `soak.png` and `configuration.json` into DIR. The exit status is 1 unless the λ sum to
+one within 1e-9 and lie in [0, 1] throughout, and memory and the time of a step in the last quarter
+are those of the second (memory within 5 MiB, time by half). `--quick` is one simulated hour,
+without the last two.
 """
 
 import argparse
@@ -25,7 +26,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from outputs import print_table, write_figure, write_table
+from outputs import print_table, write_configuration, write_figure, write_table
 
 from aprjax.scan import Scan
 from aprjax.tracking.belief import Belief, Situation
@@ -336,7 +337,9 @@ def main() -> int:
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     logging.getLogger("aprjax").setLevel(logging.ERROR)
-    rows = soak(HOUR * (1 if arguments.quick else arguments.hours), arguments.seed)
+    hours = 1 if arguments.quick else arguments.hours
+    write_configuration(arguments.out, hours=hours, seed=arguments.seed)
+    rows = soak(HOUR * hours, arguments.seed)
     table = [
         {name: f"{value:.4g}" for name, value in vars(row).items()}
         for row in rows
