@@ -3,6 +3,7 @@ from contextlib import contextmanager
 
 import pytest
 
+from aprjax.cli import progress
 from aprjax.cli.main import main
 from tests.make_logs import write_logs
 
@@ -14,8 +15,12 @@ def logs(tmp_path_factory):
 
 
 @pytest.fixture
-def command(capsys, request):
-    """Runs a command and returns its exit status, standard output and standard error."""
+def command(capsys, request, monkeypatch):
+    """Runs a command and returns its exit status, standard output and standard error.
+
+    Without the lines of progress, which come when it takes long.
+    """
+    monkeypatch.setattr(progress, "_SILENCE", float("inf"))
     limit = 200 if "full_disk" in request.fixturenames else None
 
     def run(*words):

@@ -1,0 +1,127 @@
+"""Experiments with `--quick`: what they write, and figures that a broken stage would change.
+
+Each takes up to a minute, on a busy machine more, so they run where the environment variable
+`APRJAX_EXPERIMENTS` says which: names with commas between, or `all`. Experiments that are started
+in tests of their own are not among them.
+"""
+
+import csv
+import json
+import os
+from typing import NamedTuple
+
+import pytest
+
+from experiments.__main__ import EXPERIMENTS, main
+
+CHOSEN = os.environ.get("APRJAX_EXPERIMENTS", "").split(",")
+
+
+class Within(NamedTuple):
+    """A column of a table whose values lie in a range."""
+
+    table: str
+    column: str
+    low: float
+    high: float
+    where: tuple[tuple[str, str], ...] = ()
+    """What else the rows hold; all rows, if it is empty."""
+
+
+class Expected(NamedTuple):
+    """What an experiment writes, and figures of it."""
+
+    files: tuple[str, ...]
+    figures: tuple[Within, ...]
+
+
+EXPECTED = {
+    "anchors": Expected(
+        ("configuration.json", "figure1.png"),
+        (
+            Within("repeatability.csv", "all", 0.4, 0.7),
+            Within("scans.csv", "anchors", 9.0, 15.0),
+            Within("scans.csv", "jump_edge", 4.0, 7.0),
+            Within("scans.csv", "angle", 3.0, 10.0),
+            Within("scans.csv", "virtual_edge", 0.2, 1.0),
+        ),
+    ),
+    "lab": Expected(
+        ("map.png", "match.png"),
+        (
+            Within("table.csv", "correct", 35, 70, (("references aligned", "top 1"),)),
+            Within("table.csv", "correct", 110, 140, (("references aligned", "all references"),)),
+            Within("table.csv", "false", 0, 1),
+        ),
+    ),
+    "ablations": Expected(
+        ("configuration.json", "ablations.png"),
+        (
+            Within("ablations.csv", "hits", 0.9, 1.0, (("variant", "defaults"),)),
+            Within("ablations.csv", "confident_wrong", 0, 0, (("variant", "defaults"),)),
+            Within("ablations.csv", "hits", 0.5, 0.85, (("variant", "no jump edges"),)),
+        ),
+    ),
+    "signature": Expected(
+        ("configuration.json", "signature.png", "discriminant.npz"),
+        (Within("signature.csv", "ratio", 3.0, 5.0, (("axis", "0"),)),),
+    ),
+    "soak": Expected(
+        ("configuration.json", "soak.png"),
+        (
+            Within("soak.csv", "sum_error", 0.0, 1e-9),
+            Within("soak.csv", "right", 0.85, 1.0),
+            Within("soak.csv", "wrong", 0.0, 0.1),
+        ),
+    ),
+    "idc": Expected(
+        ("configuration.json", "idc.png"),
+        (
+            Within("idc.csv", "median_m", 0.0, 0.06, (("split", "all"),)),
+            Within("idc.csv", "median_deg", 0.0, 0.6, (("split", "all"),)),
+            Within("idc.csv", "within", 0.9, 1.0, (("split", "all"),)),
+        ),
+    ),
+    "scan_classifier": Expected(
+        ("configuration.json", "scan_classifier.png"),
+        (
+            Within("scan_classifier.csv", "here", 0.7, 1.0, (("seed", "mean"),)),
+            Within("scan_classifier.csv", "far", 0.0, 0.3, (("seed", "mean"),)),
+        ),
+    ),
+    "image_classifier": Expected(
+        ("configuration.json", "image_classifier.png", "images.png"),
+        (
+            Within("image_classifier.csv", "here", 0.8, 1.0, (("floor", "mean"),)),
+            Within("image_classifier.csv", "far", 0.0, 0.2, (("floor", "mean"),)),
+        ),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_quick_experiment_writes_all_and_its_figures_lie_where_they_should(name, tmp_path):
+    if name not in CHOSEN and "all" not in CHOSEN:
+        pytest.skip(f"takes a while: APRJAX_EXPERIMENTS={name} runs it")
+    status = main([name, "--quick", "--out", str(tmp_path)])
+    folder = tmp_path / name
+    assert status == 0, (folder / "output.txt").read_text()
+    manifest = json.loads((tmp_path / "manifest.json").read_text())
+    assert {*EXPECTED[name].files} <= {*manifest["experiments"][name]["files"]}
+    for picture in folder.glob("*.png"):
+        assert picture.read_bytes().startswith(b"\x89PNG")
+    for figure in EXPECTED[name].figures:
+        values = column(folder / figure.table, figure.column, dict(figure.where))
+        assert values, f"{figure.table}: no row holds {figure.where}"
+        assert all(figure.low <= value <= figure.high for value in values), (figure, values)
+
+
+def test_only_experiments_are_expected_to_write():
+    assert EXPECTED.keys() <= EXPERIMENTS.keys()
+
+
+def column(path, name, where):
+    """The values of a column in the rows that hold what `where` says."""
+    with path.open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if where.items() <= row.items()]
+    return [float(row[name]) for row in rows]
