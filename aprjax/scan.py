@@ -206,6 +206,22 @@ class Scan(eqx.Module):
         return cls(ranges=ranges, **columns)  # pyright: ignore[reportArgumentType]
 
 
+def hide_nan(scans: Scan) -> tuple[Scan, Bool[Array, "*batch slots"]]:
+    """Scans with 0 for readings of NaN, and which these are: what may leave a jitted function.
+
+    JAX's `jax_debug_nans` takes a NaN there for a mistake. `show_nan` undoes it.
+    """
+    silent = jnp.isnan(scans.ranges)
+    ranges = jnp.where(silent, 0.0, scans.ranges)
+    return eqx.tree_at(lambda scan: scan.ranges, scans, ranges), silent
+
+
+def show_nan(scans: Scan, silent: np.ndarray) -> Scan:
+    """Scans on the host with NaN for the `silent` `(*batch, slots)` readings."""
+    ranges = np.where(silent, np.float32(np.nan), scans.ranges)
+    return eqx.tree_at(lambda scan: scan.ranges, scans, ranges)
+
+
 def _numbers(ranges: Sequence[float] | np.ndarray | Array) -> np.ndarray:
     """Ranges of any kind of number as they are, NaN where they are masked."""
     if isinstance(ranges, np.ma.MaskedArray):

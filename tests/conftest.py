@@ -39,3 +39,10 @@ def wide():
     """Called, it lets JAX make arrays of 64 bits, as a user's process may; until the test ends."""
     yield lambda: jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_enable_x64", False)
+
+
+@pytest.fixture
+def nans():
+    """Lets a test put NaN on the device on purpose, also where `jax_debug_nans` is set."""
+    with jax.debug_nans(False):
+        yield

@@ -230,6 +230,7 @@ def test_a_batch_means_what_its_scans_mean_under_vmap():
         np.testing.assert_allclose(values, whole[name], atol=1e-7)
 
 
+@pytest.mark.usefixtures("nans")
 def test_points_have_finite_gradients_where_ranges_are_bad():
     scan = jax.tree.map(jnp.asarray, make([1.0, NAN, INF, -INF, 0.0, 20.0]))
 

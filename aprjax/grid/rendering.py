@@ -4,13 +4,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.grid.occupancy_grid import OccupancyGrid
 from aprjax.grid.plane import compose, inverse
 from aprjax.grid.surface import Surfaces, meet, surfaces
 from aprjax.numerics import bucket, single_precision
-from aprjax.scan import Scan
+from aprjax.scan import Scan, hide_nan, show_nan
 from aprjax.se2 import Pose
 
 _FREE, _OCCUPIED, _UNKNOWN = 0, 1, 2
@@ -129,13 +129,13 @@ def render(grid: OccupancyGrid, T_world_laser: np.ndarray, like: Scan) -> Scan:
         _render_chunk(cells, padded[i : i + _CHUNK], np.float32(grid.resolution), like)
         for i in range(0, count, _CHUNK)
     ]
-    return jax.tree.map(lambda *each: np.concatenate(each)[:count], *parts)
+    return show_nan(*jax.tree.map(lambda *each: np.concatenate(each)[:count], *parts))
 
 
 @jax.jit
 def _render_chunk(
     cells: Cells, T_grid_laser: Float[Array, "chunk 3"], resolution: Float[Array, ""], like: Scan
-) -> Scan:
+) -> tuple[Scan, Bool[Array, "chunk slots"]]:
     def one(pose: Pose) -> Scan:
         range_max = jnp.asarray(like.range_max)
         ranges = cast(cells, pose, jnp.asarray(like.bearings), range_max / resolution) * resolution
@@ -145,4 +145,4 @@ def _render_chunk(
             jnp.where(jnp.asarray(like.real), ranges, jnp.nan),
         )
 
-    return jax.vmap(one)(T_grid_laser)
+    return hide_nan(jax.vmap(one)(T_grid_laser))

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from aprjax.configuration import capacity, threshold
 from aprjax.numerics import bucket, single_precision
-from aprjax.scan import Scan
+from aprjax.scan import Scan, hide_nan, show_nan
 from aprjax.se2 import Pose
 from aprjax.sim.ray_casting import cast
 from aprjax.sim.world import World
@@ -174,7 +174,7 @@ def take_scans(
         )
         for start in range(0, count, _CHUNK)
     ]
-    return jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *chunks)
+    return show_nan(*jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *chunks))
 
 
 @jax.jit
@@ -185,14 +185,14 @@ def _take_chunk(
     world: World,
     moving: Float[Array, "chunk moving 3"],
     T_world_laser: Float[Array, "chunk 3"],
-) -> Scan:
-    """Scans number `first` and on."""
+) -> tuple[Scan, Bool[Array, "chunk beams"]]:
+    """Scans number `first` and on, and which of their readings are NaN."""
 
     def one(index, moving, T_world_laser):
         around = World(world.segments, jnp.concatenate([world.circles, moving]))
         return take_scan(jax.random.fold_in(key, index), laser, around, T_world_laser)
 
-    return jax.vmap(one)(first + jnp.arange(_CHUNK), moving, T_world_laser)
+    return hide_nan(jax.vmap(one)(first + jnp.arange(_CHUNK), moving, T_world_laser))
 
 
 def _on_depth_step(depths: Float[Array, "beams 3"], laser: Laser) -> Bool[Array, " beams"]:

@@ -87,6 +87,7 @@ def test_duplicates_are_one_point():
     assert int(overflow) == 0
 
 
+@pytest.mark.usefixtures("nans")
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_few_candidates_fill_the_rest_with_invalid_ones(count):
     valid = np.arange(5) < count

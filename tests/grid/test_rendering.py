@@ -38,6 +38,7 @@ def marched(grid: OccupancyGrid, pose: np.ndarray, bearings: np.ndarray, range_m
     return ranges
 
 
+@pytest.mark.usefixtures("nans")
 @pytest.mark.parametrize("seed", range(5))
 def test_ranges_are_those_of_walking_along_each_ray(seed):
     rng = np.random.default_rng(seed)
