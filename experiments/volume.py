@@ -15,8 +15,9 @@ frame of its home node. Writes into DIR:
   confirmed in that cycle, unconfirmed_m is the way since; off_m and off_deg are what the centre is
   off the truth;
 - `volume.csv`: a row for each choice of sources. inside is the share of cycles with the truth in
-  V_i, inside_sure that where λ_b is 0.95 or more, claimed the mean λ_b, nearest_outside_m the least
-  that a centre is off where the truth is not in V_i. The others are that share, and medians, over
+  V_i, inside_sure that where λ_b is 0.95 or more, inside_unsure where it is under 0.2, claimed the
+  mean λ_b, nearest_outside_m the least that a centre is off where the truth is not in V_i,
+  near_misses the cycles in which that is under 1 m. The others are that share, and medians, over
   the cycles in which V_i was confirmed, and over those in which that was at least 2 m ago;
 - `configuration.json`.
 """
@@ -51,7 +52,9 @@ from aprjax.world.super_space import assemble
 BUILDINGS = 3
 CYCLES = 320  # of the course, with --quick
 PAPER = "APR, odometry"  # the choice of sources without validation
-SURE, LONG = 0.95, 2.0  # λ_b; metres without a confirmation
+SURE, UNSURE = 0.95, 0.2  # λ_b
+LONG = 2.0  # metres without a confirmation
+NEAR = 1.0  # metres: a centre outside whose volume the truth lies, but at the same place
 AROUND = 8  # cycles shown before and after
 LETTERS, LARGEST = "abcd", "c"
 VOLUME, TRUTH = "#1f5fa8", "#000000"
@@ -193,7 +196,9 @@ def summed(name: str, chosen: dict[str, np.ndarray]) -> dict:
         "inside": _share(inside),
         "claimed": round(float(probability.mean()), 3),
         "inside_sure": _share(inside[probability >= SURE]),
+        "inside_unsure": _share(inside[probability < UNSURE]),
         "nearest_outside_m": "" if inside.all() else float(off[~inside].min()),
+        "near_misses": int(np.sum(~inside & (off < NEAR))),
     }
     for when, mask in (
         ("confirmed", chosen["confirmed"]),

@@ -1,8 +1,8 @@
 """Experiments with `--quick`: what they write, and figures that a broken stage would change.
 
 Each takes up to a minute, on a busy machine more, so they run where the environment variable
-`APRJAX_EXPERIMENTS` says which: names with commas between, or `all`. Experiments that are started
-in tests of their own are not among them.
+`APRJAX_EXPERIMENTS` says which: names with commas between, or `all`, which is all of these. Others
+are started, or have their parts tested, in the modules beside this one.
 """
 
 import csv

@@ -128,6 +128,16 @@ def test_beams_and_limits_are_those_of_the_given_scan():
         np.testing.assert_array_equal(getattr(scans, name), np.full(40, getattr(SMALL, name)))
 
 
+def test_what_says_nothing_is_nan_also_where_jax_looks_for_mistakes():
+    poses = np.array([[4.5, 2.0, 0.0], [-5.0, 2.0, 0.0]])
+    scans = render(room(), poses, SMALL.pad(8))
+    with jax.debug_nans(True):
+        again = render(room(), poses, SMALL.pad(8))
+    np.testing.assert_array_equal(again.ranges, scans.ranges)
+    assert np.isnan(scans.ranges[1]).all()
+    assert np.isfinite(scans.ranges[0, :5]).all()
+
+
 @pytest.mark.parametrize(
     ("poses", "like", "message"),
     [

@@ -101,6 +101,14 @@ def test_the_share_of_dropouts_is_as_set():
     assert not np.any(np.isnan(many(perfect(dropout=0.0), 3.0)))
 
 
+def test_dropouts_are_nan_also_where_jax_looks_for_mistakes():
+    ranges = taken(Laser.sick(dropout=0.3), star_room())
+    with jax.debug_nans(True):
+        again = taken(Laser.sick(dropout=0.3), star_room())
+    np.testing.assert_array_equal(again, ranges)
+    assert 0 < np.isnan(ranges).sum() < ranges.size
+
+
 def test_mixed_pixels_lie_on_depth_steps_and_between_both_depths():
     world, poses = panels(), poses_around(1).astype(np.float32)
     laser = perfect(divergence=0.01, mixed=1.0)
