@@ -137,6 +137,9 @@ from aprjax.io.pose_graph import write_pose_graph as write_pose_graph
 from aprjax.io.reference_file import ReferenceFileError as ReferenceFileError
 from aprjax.io.reference_file import load_references as load_references
 from aprjax.io.reference_file import save_references as save_references
+from aprjax.io.trajectory import TrajectoryError as TrajectoryError
+from aprjax.io.trajectory import read_tum as read_tum
+from aprjax.io.trajectory import write_tum as write_tum
 from aprjax.matcher import MatchConfig as MatchConfig
 from aprjax.matcher import MatchResult as MatchResult
 from aprjax.references import ReferenceSet as ReferenceSet
@@ -202,6 +205,9 @@ __all__ = [  # noqa: RUF022
     "read_pose_graph",
     "write_pose_graph",
     "PoseGraphError",
+    "read_tum",
+    "write_tum",
+    "TrajectoryError",
     "alignment",
     "anchors",
     "atomic",

@@ -1,11 +1,15 @@
 """Pages are package docstrings: their code runs, their links lead somewhere."""
 
 import ast
+import builtins
 import doctest
 import importlib
 import inspect
+import os
 import pkgutil
 import re
+import subprocess
+import sys
 import warnings
 from pathlib import Path
 
@@ -93,3 +97,33 @@ def test_what_the_readme_uses_is_there():
     assert {"aprjax.match", "aprjax.ReferenceSet.build"} <= used
     for name in used:
         assert pkgutil.resolve_name(name) is not None
+
+
+def test_what_a_block_of_the_readme_names_was_imported_or_made_before():
+    known = {*dir(builtins), "ranges", "image", "images"}  # what a robot's sensors give
+    for block in re.findall(r"^```python\n(.*?)^```$", README, re.MULTILINE | re.DOTALL):
+        used = set()
+        for node in ast.walk(ast.parse(block)):
+            if isinstance(node, ast.Name):
+                (used if isinstance(node.ctx, ast.Load) else known).add(node.id)
+            elif isinstance(node, ast.alias):
+                known.add((node.asname or node.name).split(".")[0])
+            elif isinstance(node, ast.FunctionDef | ast.ClassDef):
+                known.add(node.name)
+            elif isinstance(node, ast.arg):
+                known.add(node.arg)
+        assert used <= known, block
+
+
+def test_the_readmes_command_for_the_reference_works_where_matplotlib_never_ran(tmp_path):
+    pytest.importorskip("pdoc")
+    (variable, options) = re.search(r"(PDOC_ALLOW_EXEC)=1 \S+ (-W error -m pdoc) ", README).groups()
+    done = subprocess.run(
+        [sys.executable, *options.split(), "-o", tmp_path / "api", "aprjax.explanation.html"],
+        env={**os.environ, variable: "1", "MPLCONFIGDIR": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "api" / "aprjax" / "explanation" / "html.html").is_file()

@@ -8,16 +8,14 @@ import numpy as np
 from aprjax.atomic import atomic_write
 from aprjax.cli.errors import CommandError
 from aprjax.cli.inputs import (
-    add_topic_options,
-    holds_references,
-    open_references,
+    add_references,
+    gather_references,
     read_scans,
     warn_of_damage,
 )
 from aprjax.cli.outputs import check_output
 from aprjax.explanation.report import explain
 from aprjax.matcher import MatchConfig
-from aprjax.references import ReferenceSet
 
 
 def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -29,13 +27,7 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
         "shows why it was answered as it was: the scan, its hypotheses, and at which stage other "
         "references fell out. The page is one file that needs no network.",
     )
-    parser.add_argument(
-        "references",
-        type=Path,
-        metavar="REFERENCES",
-        help="a log or bag, or a saved reference file",
-    )
-    parser.add_argument("queries", type=Path, metavar="QUERIES", help="a log or bag")
+    add_references(parser)
     parser.add_argument(
         "--query", type=int, required=True, metavar="N", help="the scan's number, from 0"
     )
@@ -62,21 +54,20 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
     parser.add_argument(
         "--no-cascade", action="store_true", help="go the paper's way: align all references"
     )
-    add_topic_options(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Carry out the subcommand. Raises `CommandError` and `OSError`."""
-    path, topic, number = arguments.references, arguments.topic, arguments.query
+    path, number = arguments.references, arguments.query
     check_output(arguments.out, path, arguments.queries)
-    queries, report = read_scans(arguments.queries, topic)
+    queries, report = read_scans(arguments.queries, arguments.topic)
     warn_of_damage(arguments.queries, report)
     if not 0 <= number < len(queries):
         raise CommandError(
             f"{arguments.queries}: there is no scan {number}, only 0 to {len(queries) - 1}"
         )
-    references = _references(path, topic)
+    references = gather_references(arguments)
     own = [number] if arguments.exclude_self and np.isin(number, references.ids) else []
     try:
         config = MatchConfig(top_k=arguments.top_k, cascade=not arguments.no_cascade)
@@ -95,11 +86,3 @@ def run(arguments: argparse.Namespace) -> None:
         raise CommandError(f"{path}: {error}") from None
     with atomic_write(arguments.out) as file:
         file.write(text)
-
-
-def _references(path: Path, topic: str | None) -> ReferenceSet:
-    if holds_references(path):
-        return open_references(path)
-    scans, report = read_scans(path, topic)
-    warn_of_damage(path, report)
-    return ReferenceSet.build(scans)

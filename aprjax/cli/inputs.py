@@ -1,4 +1,4 @@
-"""Logs and reference files as the commands read them: what is wrong becomes a `CommandError`."""
+"""Logs and references as the commands read them: what is wrong becomes a `CommandError`."""
 
 import argparse
 import sys
@@ -6,14 +6,73 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
+from aprjax.anchors.extract import ExtractionConfig
 from aprjax.cli.errors import CommandError
+from aprjax.features import FeatureConfig
 from aprjax.io.log import LogEntry, LogError, LogReport
 from aprjax.io.logs import read_log
+from aprjax.io.occupancy_grid import OccupancyGridError, read_occupancy_grid
 from aprjax.io.reference_file import ReferenceFileError, load_references, looks_like_references
 from aprjax.references import ReferenceSet
 from aprjax.scan import Scan
 
 _SHOWN = 3  # damaged lines spelled out
+
+
+def add_references(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of references and queries, and the options that choose from them."""
+    parser.add_argument(
+        "references",
+        type=Path,
+        metavar="REFERENCES",
+        help="a log or bag, a saved reference file, or an occupancy grid (the YAML file)",
+    )
+    parser.add_argument("queries", type=Path, metavar="QUERIES", help="a log or bag")
+    add_topic_options(parser)
+    parser.add_argument(
+        "--reference-topic", metavar="T", help="the same for REFERENCES (default: as --topic)"
+    )
+
+
+def gather_references(
+    arguments: argparse.Namespace, anchors: int | None = None, *, strict: bool = False
+) -> ReferenceSet:
+    """The references that `add_references` asked for; with so many anchors each, if told."""
+    path = arguments.references
+    config = FeatureConfig()
+    if anchors is not None:
+        config = FeatureConfig(extraction=ExtractionConfig(anchors=anchors))
+    if holds_grid(path):
+        return _references_of_grid(path, config)
+    if holds_references(path):
+        references = open_references(path)
+        capacity = references.index.config.extraction.anchors
+        if anchors not in (None, capacity):
+            raise CommandError(f"{path}: was saved with {capacity} anchors, not {anchors}")
+        return references
+    scans, report = read_scans(path, reference_topic(arguments), strict=strict)
+    warn_of_damage(path, report)
+    return ReferenceSet.build(scans, config)
+
+
+def reference_topic(arguments: argparse.Namespace) -> str | None:
+    """What to take from a log of references."""
+    return arguments.topic if arguments.reference_topic is None else arguments.reference_topic
+
+
+def holds_grid(path: Path) -> bool:
+    """Whether the file is, by its name, a map_server grid's."""
+    return path.suffix in (".yaml", ".yml") and not path.is_dir()
+
+
+def _references_of_grid(path: Path, config: FeatureConfig) -> ReferenceSet:
+    """What a laser would see from places that cover the floor of a grid."""
+    try:
+        return ReferenceSet.from_occupancy_grid(read_occupancy_grid(path), config)
+    except OccupancyGridError as error:
+        raise CommandError(str(error)) from None
+    except ValueError as error:
+        raise CommandError(f"{path}: {error}") from None
 
 
 def holds_references(path: Path) -> bool:

@@ -13,27 +13,21 @@ from typing import Any
 import jax
 import numpy as np
 
-from aprjax.anchors.extract import ExtractionConfig
 from aprjax.batch import match_batch
 from aprjax.cli.errors import CommandError
-from aprjax.cli.inputs import (
-    add_topic_options,
-    holds_references,
-    open_references,
-    read_scans,
-    warn_of_damage,
-)
+from aprjax.cli.inputs import add_references, gather_references, read_entries, warn_of_damage
 from aprjax.cli.outputs import check_output
 from aprjax.cli.progress import Progress
-from aprjax.features import FeatureConfig
 from aprjax.io.pieces import Pieces, fingerprint
 from aprjax.io.reference_file import save_references
 from aprjax.io.tables import write_matches
+from aprjax.io.trajectory import write_tum
 from aprjax.matcher import MatchConfig, MatchResult
 from aprjax.references import ReferenceSet
 from aprjax.scan import Scan
 from aprjax.shortlist import ShortlistConfig
 from aprjax.status import Status
+from aprjax.world.plane import compose
 
 _PIECES = (128, 96, 64, 32)  # queries of a call: whole chunks of the matcher
 
@@ -47,13 +41,7 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
         "used: neither poses nor their order. What is finished is kept beside F.csv until all "
         "is: started again after an interruption, the command goes on where it was.",
     )
-    parser.add_argument(
-        "references",
-        type=Path,
-        metavar="REFERENCES",
-        help="a log or bag, or a saved reference file",
-    )
-    parser.add_argument("queries", type=Path, metavar="QUERIES", help="a log or bag")
+    add_references(parser)
     parser.add_argument(
         "--out", required=True, metavar="F.csv", help="the table to write; - is standard output"
     )
@@ -97,53 +85,47 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
     parser.add_argument(
         "--strict", action="store_true", help="stop at a damaged line instead of skipping it"
     )
-    add_topic_options(parser)
+    parser.add_argument(
+        "--tum",
+        type=Path,
+        metavar="F.tum",
+        help="also write where the scans were taken, of those whose best answer may be acted on, "
+        "in the frame of an occupancy grid, or of a reference file that holds poses",
+    )
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Carry out the subcommand. Raises `CommandError` and `OSError`."""
     inputs = (arguments.references, arguments.queries)
-    for out in (None if arguments.out == "-" else Path(arguments.out), arguments.save_references):
+    table = None if arguments.out == "-" else Path(arguments.out)
+    for out in (table, arguments.save_references, arguments.tum):
         if out is not None:
             check_output(out, *inputs)
 
-    queries, references = _read(arguments)
+    entries, report = read_entries(
+        arguments.queries, arguments.topic, False, strict=arguments.strict
+    )
+    references = gather_references(arguments, arguments.anchors, strict=arguments.strict)
+    warn_of_damage(arguments.queries, report)
+    if arguments.tum and not np.isfinite(references.T_world_ref).all():
+        raise CommandError(
+            f"{arguments.references}: states no poses, in whose frame --tum would be"
+        )
     if arguments.save_references:
         save_references(references, arguments.save_references)
 
-    stacked, config = Scan.stack(queries), _config(arguments)
-    exclude = _own_number(len(queries), references) if arguments.exclude_self else None
+    stacked, config = Scan.stack([entry.scan for entry in entries]), _config(arguments)
+    exclude = _own_number(len(entries), references) if arguments.exclude_self else None
     with _kept_pieces(arguments.out, stacked, references, config, exclude) as pieces:
         results, seconds = _match(stacked, references, config, exclude, pieces)
+        confident = results.pop("confident")
         _write(arguments.out, results)
+        if arguments.tum:
+            stamps = np.array([entry.stamp for entry in entries])
+            poses = _best_poses(results, references)
+            write_tum(arguments.tum, stamps[confident], poses[confident])
     _summarise(len(references), results, seconds)
-
-
-def _read(arguments: argparse.Namespace) -> tuple[list[Scan], ReferenceSet]:
-    """The query scans, and the references with their features."""
-    # Both files are read before anything is computed, so that a bad one is found at once.
-    path, topic, strict = arguments.references, arguments.topic, arguments.strict
-    log = None if holds_references(path) else read_scans(path, topic, strict=strict)
-    queries, report = read_scans(arguments.queries, topic, strict=strict)
-    if log is None:
-        references = open_references(path)
-        capacity = references.index.config.extraction.anchors
-        if arguments.anchors not in (None, capacity):
-            raise CommandError(
-                f"{path}: was saved with {capacity} anchors, not {arguments.anchors}"
-            )
-    else:
-        warn_of_damage(path, log[1])
-        references = ReferenceSet.build(log[0], _feature_config(arguments.anchors))
-    warn_of_damage(arguments.queries, report)
-    return queries, references
-
-
-def _feature_config(anchors: int | None) -> FeatureConfig:
-    if anchors is None:
-        return FeatureConfig()
-    return FeatureConfig(extraction=ExtractionConfig(anchors=anchors))
 
 
 def _config(arguments: argparse.Namespace) -> MatchConfig:
@@ -223,7 +205,7 @@ def _match(
 
 
 def _columns(result: MatchResult) -> dict[str, np.ndarray]:
-    """What the table shows of each query."""
+    """What the table shows of each query, and whether its best answer may be acted on."""
     return {
         "reference": np.asarray(result.reference),
         "pose": np.asarray(result.T_ref_query),
@@ -234,6 +216,7 @@ def _columns(result: MatchResult) -> dict[str, np.ndarray]:
         "agreeing_anchors": np.asarray(result.agreeing_anchors),
         "agreeing_beams": np.asarray(result.agreeing_beams),
         "probability": np.asarray(result.probability),
+        "confident": np.asarray(result.confident),
     }
 
 
@@ -246,6 +229,13 @@ def _write(out: str, results: dict[str, Any]) -> None:
         write_matches(table, **results)
         sys.stdout.write(table.read_text())
     sys.stdout.flush()
+
+
+def _best_poses(results: dict[str, Any], references: ReferenceSet) -> np.ndarray:
+    """Where the best answers say that the queries were taken: `(queries, 3)`."""
+    row = np.searchsorted(references.ids, np.maximum(results["reference"][:, 0], 0))
+    row = np.minimum(row, len(references) - 1)
+    return compose(references.T_world_ref[row], results["pose"][:, 0].astype(float))
 
 
 def _summarise(references: int, results: dict[str, Any], seconds: list[tuple[int, float]]) -> None:

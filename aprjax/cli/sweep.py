@@ -13,10 +13,12 @@ import numpy as np
 from aprjax.atomic import atomic_write
 from aprjax.cli.errors import CommandError
 from aprjax.cli.inputs import (
-    add_topic_options,
+    add_references,
+    gather_references,
+    holds_grid,
     holds_references,
-    open_references,
     read_entries,
+    reference_topic,
     warn_of_damage,
 )
 from aprjax.cli.outputs import make_folder
@@ -24,6 +26,7 @@ from aprjax.cli.progress import Progress
 from aprjax.cli.sweep_table import write_curves, write_figures, write_rows
 from aprjax.configuration import to_dict
 from aprjax.io.pieces import Pieces, fingerprint
+from aprjax.io.trajectory import TrajectoryError, read_tum
 from aprjax.matcher import MatchConfig
 from aprjax.metrics import relative
 from aprjax.references import ReferenceSet
@@ -32,6 +35,7 @@ from aprjax.sweeping.axes import check_names
 from aprjax.sweeping.run import CONFIGURATIONS, QUERIES, Piece, sweep_grid
 
 _MOST = 10_000  # configurations
+_LATE = 0.5  # seconds outside of a trajectory that a scan may be taken at
 _NEAR_DISTANCE, _NEAR_ANGLE = 2.0, np.radians(40)  # of a reference, where a query can be matched
 
 
@@ -41,20 +45,23 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
         "sweep",
         help="match with many values of thresholds, and score them",
         description="Match every scan of a log with all reference scans, once for each "
-        "combination of thresholds, and score the answers. The laser poses in the logs are taken "
-        "for the truth, in one frame, and only score. Writes into DIR: sweep.csv (and "
-        "sweep.parquet where pyarrow is installed), curves.csv and curves.png (recall, precision "
-        "and false answers over the threshold on quality), sweep.png, manifest.json, times.csv. "
+        "combination of thresholds, and score the answers. The laser poses that the logs state, or "
+        "trajectories beside them, are taken for the truth, in one frame, and only score. Writes "
+        "into DIR: sweep.csv (and sweep.parquet where pyarrow is installed), curves.csv and "
+        "curves.png (recall, precision and false answers over the threshold on quality), "
+        "sweep.png, manifest.json, times.csv. "
         "What is finished is kept in DIR/pieces until all is: started again after an "
         "interruption, the command goes on where it was.",
     )
-    parser.add_argument(
-        "references",
-        type=Path,
-        metavar="REFERENCES",
-        help="a log, or a saved reference file that holds poses",
-    )
-    parser.add_argument("queries", type=Path, metavar="QUERIES", help="a log")
+    add_references(parser)
+    for scans in ("reference", "query"):
+        parser.add_argument(
+            f"--{scans}-poses",
+            type=Path,
+            metavar="F.tum",
+            help=f"true laser poses over the time of the {scans} log, for one that states none, as "
+            "a bag does",
+        )
     parser.add_argument(
         "--set",
         action=_AddAxis,
@@ -92,7 +99,6 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
     parser.add_argument(
         "--strict", action="store_true", help="stop at a damaged line instead of skipping it"
     )
-    add_topic_options(parser)
     parser.set_defaults(run=run)
 
 
@@ -100,7 +106,9 @@ def run(arguments: argparse.Namespace) -> None:
     """Carry out the subcommand. Raises `CommandError` and `OSError`."""
     out, axes = arguments.out, arguments.axes
     make_folder(out)
-    queries, T_world_query = _read(arguments.queries, arguments)
+    queries, T_world_query = _read(
+        arguments.queries, arguments.topic, arguments.query_poses, strict=arguments.strict
+    )
     references, T_world_ref = _references(arguments)
     mapped = _mapped(arguments.mapped, T_world_ref, T_world_query)
     # Only best answers are scored.
@@ -154,23 +162,47 @@ def run(arguments: argparse.Namespace) -> None:
     )
 
 
-def _read(path: Path, arguments: argparse.Namespace) -> tuple[Scan, np.ndarray]:
+def _read(
+    path: Path, topic: str | None, trajectory: Path | None, *, strict: bool
+) -> tuple[Scan, np.ndarray]:
     """The scans of a log, stacked, and their poses `(scans, 3)`."""
-    entries, report = read_entries(path, arguments.topic, False, strict=arguments.strict)
+    entries, report = read_entries(path, topic, False, strict=strict)
     warn_of_damage(path, report)
+    scans = Scan.stack([entry.scan for entry in entries])
+    if trajectory is not None:
+        return scans, _poses_at([entry.stamp for entry in entries], path, trajectory)
     if any(entry.logged_pose is None for entry in entries):
         raise CommandError(f"{path}: states no poses of its scans, which score the answers")
-    poses = np.array([entry.logged_pose for entry in entries], float)
-    return Scan.stack([entry.scan for entry in entries]), poses
+    return scans, np.array([entry.logged_pose for entry in entries], float)
+
+
+def _poses_at(stamps: list[float], path: Path, trajectory: Path) -> np.ndarray:
+    """The poses `(scans, 3)` of a trajectory at the stamps of a log's scans."""
+    try:
+        known, poses = read_tum(trajectory)
+    except TrajectoryError as error:
+        raise CommandError(str(error)) from None
+    order = np.argsort(known, kind="stable")
+    known, poses = known[order], poses[order]
+    for number, stamp in enumerate(stamps):
+        if not known[0] - _LATE <= stamp <= known[-1] + _LATE:
+            raise CommandError(
+                f"{trajectory}: from {known[0]:.3f} to {known[-1]:.3f} s; scan {number} of {path} "
+                f"was taken at {stamp:.3f} s"
+            )
+    poses[:, 2] = np.unwrap(poses[:, 2])
+    return np.stack([np.interp(stamps, known, column) for column in poses.T], axis=-1)
 
 
 def _references(arguments: argparse.Namespace) -> tuple[ReferenceSet, np.ndarray]:
     """The references, which matching knows no poses of, and their poses `(references, 3)`."""
     path = arguments.references
-    if not holds_references(path):
-        scans, poses = _read(path, arguments)
+    if not (holds_grid(path) or holds_references(path)):
+        scans, poses = _read(
+            path, reference_topic(arguments), arguments.reference_poses, strict=arguments.strict
+        )
         return ReferenceSet.build(scans), poses
-    references = open_references(path)
+    references = gather_references(arguments)
     if not np.all(np.isfinite(references.T_world_ref)):
         raise CommandError(f"{path}: states no poses of its scans, which score the answers")
     return references, references.T_world_ref

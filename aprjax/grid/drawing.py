@@ -3,6 +3,8 @@
 A cell is occupied where the scans that end in it are not too few beside those that see through it.
 """
 
+from collections.abc import Sequence
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -27,22 +29,24 @@ _CLEAR = 1.5  # cells before a hit that nothing is said of: it may lie in any pa
 
 @single_precision()
 def grid_from_scans(
-    scans: Scan,
+    scans: Sequence[Scan] | Scan,
     T_world_laser: np.ndarray,
     *,
     resolution: float = 0.05,
     reach: float = 15.0,
     join: float = 0.3,
 ) -> OccupancyGrid:
-    """The grid, its axes those of the world, of stacked scans taken at poses `(N, 3)`.
+    """The grid, its axes those of the world, of scans taken at poses `(N, 3)`.
 
-    `resolution` is a cell's width, `reach` how far along its beams a scan counts, and `join` the
-    widest gap between the hits of neighbouring beams that is drawn as surface, all in metres.
-    Free is what lies between two neighbouring beams up to the shorter one's end, and along each
-    beam. Raises `ValueError` naming a field for shapes that do not fit each other, for poses and
-    lengths that make no sense, for scans without a hit within reach, and where the poses lie so
-    far apart that the grid would have over 2²⁸ cells.
+    `scans` is a list or a stacked `Scan` `(N, slots)`. `resolution` is a cell's width, `reach`
+    how far along its beams a scan counts, and `join` the widest gap between the hits of
+    neighbouring beams that is drawn as surface, all in metres. Free is what lies between two
+    neighbouring beams up to the shorter one's end, and along each beam. Raises `ValueError`
+    naming a field for shapes that do not fit each other, for poses and lengths that make no
+    sense, for scans without a hit within reach, and where the poses lie so far apart that the
+    grid would have over 2²⁸ cells.
     """
+    scans = scans if isinstance(scans, Scan) else Scan.stack(scans)
     poses = np.asarray(T_world_laser, float)
     if np.ndim(scans.ranges) != 2 or poses.shape != (len(scans.ranges), 3):
         raise ValueError(

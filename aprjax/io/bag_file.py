@@ -10,6 +10,13 @@ from typing import Any
 from aprjax.io.log import LogError
 
 _MAGIC = {b"#ROSBAG V": ".bag", b"\x89MCAP": ".mcap", b"SQLite format 3": ".db3"}
+_ZSTANDARD = b"\x28\xb5\x2f\xfd"
+_LISTED = 5  # bags of a folder that are named
+_MENDED_BY = {
+    ".bag": "`rosbag reindex`",
+    ".mcap": "`mcap recover`",
+    ".db3": "`ros2 bag reindex`",
+}
 
 
 @dataclass(frozen=True)
@@ -26,6 +33,11 @@ def is_bag(path: str | os.PathLike[str]) -> bool:
     """Whether a file begins as a bag does; every folder is taken for one."""
     path = Path(path)
     return path.is_dir() or _suffix(path) is not None
+
+
+def is_compressed(path: str | os.PathLike[str]) -> bool:
+    """Whether a file is zstd's, as ROS 2 leaves the files of a bag that it compresses."""
+    return _head(Path(path)).startswith(_ZSTANDARD)
 
 
 def bag_topics(path: str | os.PathLike[str]) -> list[Topic]:
@@ -57,7 +69,7 @@ def messages_of(
             return
         except Exception as error:
             raise LogError(
-                f"{path}: cut off or damaged after {count} messages: {_line(error)}"
+                f"{path}: cut off or damaged after {count} messages: {_line(error)}{_advice(path)}"
             ) from None
         count += 1
 
@@ -74,7 +86,9 @@ def messages_of(
 def opened(path: Path) -> Iterator[Any]:
     """The bag's reader."""
     if path.is_dir() and not (path / "metadata.yaml").is_file():
-        raise LogError(f"{path}: a folder without metadata.yaml, so not a bag of ROS 2")
+        within = [each.name for each, _ in _bags_within(path)]
+        found = f"; it holds {', '.join(within[:_LISTED])}: read one at a time" if within else ""
+        raise LogError(f"{path}: a folder without metadata.yaml, so not a bag of ROS 2{found}")
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
@@ -84,27 +98,50 @@ def opened(path: Path) -> Iterator[Any]:
         ) from None
     suffix = _suffix(path)
     if suffix is not None and path.suffix != suffix:
-        raise LogError(f"{path}: a bag, but its name does not end in {suffix}")
+        advice = _advice(path) if path.suffix == ".active" else ""
+        raise LogError(f"{path}: a bag, but its name does not end in {suffix}{advice}")
     try:
         # The messages read here are the same in every ROS 2 there was.
         reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
         reader.open()
     except Exception as error:
-        raise LogError(f"{path}: not a readable bag: {_line(error)}") from None
+        raise LogError(f"{path}: not a readable bag: {_line(error)}{_advice(path)}") from None
     try:
         yield reader
     finally:
         reader.close()
 
 
+def _advice(path: Path) -> str:
+    """What to do with a bag that is damaged: mostly, its recording was cut off."""
+    suffix = _suffix(path)
+    if suffix is None and path.is_dir():
+        suffix = next((suffix for _, suffix in _bags_within(path)), None)
+    return f" (if its recording was cut off, {_MENDED_BY[suffix]} mends it)" if suffix else ""
+
+
+def _bags_within(folder: Path) -> list[tuple[Path, str]]:
+    """The files of a folder that begin as a bag does, and the suffixes they should have."""
+    try:
+        files = sorted(folder.iterdir())
+    except OSError:
+        return []
+    return [(each, suffix) for each in files if (suffix := _suffix(each)) is not None]
+
+
 def _suffix(path: Path) -> str | None:
     """The suffix that a bag file should have, None for any other file and for a folder."""
+    head = _head(path)
+    return next((suffix for magic, suffix in _MAGIC.items() if head.startswith(magic)), None)
+
+
+def _head(path: Path) -> bytes:
+    """How a file begins; nothing of what cannot be read."""
     try:
         with path.open("rb") as file:
-            head = file.read(16)
+            return file.read(16)
     except OSError:
-        return None
-    return next((suffix for magic, suffix in _MAGIC.items() if head.startswith(magic)), None)
+        return b""
 
 
 def _line(error: Exception) -> str:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
-from aprjax.io.bag_file import is_bag
+from aprjax.io.bag_file import is_bag, is_compressed
 from aprjax.io.carmen import read_carmen
 from aprjax.io.log import Log, LogError
 from aprjax.io.rosbag import read_bag
@@ -33,6 +33,10 @@ def read_log(
     path = Path(path)
     if is_bag(path):
         return read_bag(path, lasers=lasers, odometry=odometry, strict=strict)
+    if is_compressed(path):
+        raise LogError(
+            f"{path}: compressed by zstd; of a bag that is, give the folder with metadata.yaml"
+        )
     if odometry:
         raise LogError(f"{path}: not a bag, so there is no topic {odometry}")
     return read_carmen(path, lasers=lasers, strict=strict)

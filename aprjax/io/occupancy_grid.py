@@ -8,7 +8,7 @@ import math
 import os
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -24,7 +24,11 @@ _HEADER_BYTES = 1 << 16
 _DIGITS = 9  # of a number in a PGM's header, at most
 _PLAIN_BYTES = 16  # of a pixel in a plain PGM, at most: its number and the space around it
 _USUAL = {FREE: 254, UNKNOWN: 205}  # map_saver's greys
+_SAVED = {0, *_USUAL.values()}  # all that map_saver paints with
+_UNKNOWN_ABOVE = 0.196  # the free_thresh under which map_saver's grey of unknown is unknown
 _LEVELS = np.arange(256)
+_FLAGS = {"0": False, "1": True} | dict.fromkeys(("false", "no", "off"), False)
+_FLAGS |= dict.fromkeys(("true", "yes", "on"), True)
 _T = TypeVar("_T")
 
 
@@ -76,6 +80,10 @@ def read_occupancy_grid(path: str | os.PathLike[str]) -> OccupancyGrid:
     origin is the pose of the image's lower left corner. The image's path is relative to the YAML
     file's folder; keys that map_server does not know are ignored.
 
+    A trinary image of map_saver's three greys alone is read as what they mean, also where
+    `free_thresh` is above 0.196: nav2's map_saver wrote 0.25 for years, by which the grey that it
+    paints the unknown with, 205, would be free, and the whole image floor.
+
     Raises `OccupancyGridError` (a `ValueError`) naming the file, the field and its value for a
     file that cannot be read, a key that is missing or makes no sense, and an image that is no PGM,
     is cut off, has over 2²⁸ pixels, or a pixel above its maximum. Sizes are checked against
@@ -105,6 +113,8 @@ def read_occupancy_grid(path: str | os.PathLike[str]) -> OccupancyGrid:
 
     image_path = path.parent / image
     levels, maximum = _read_pgm(image_path)
+    if mode == "trinary" and not shades.negate and _only_saved(levels, maximum):
+        shades = replace(shades, free_thresh=min(free, _UNKNOWN_ABOVE))
     # By a table of all greys: an array of shades would take eight times the image.
     table = shades.cells(np.arange(maximum + 1) / maximum)
     return OccupancyGrid.make(table[levels[::-1]], resolution, origin)
@@ -184,17 +194,21 @@ def _read_yaml(path: Path) -> dict[str, Any]:
         raise OccupancyGridError(f"{path}: over {_YAML_BYTES} bytes are no map_server file")
     values: dict[str, Any] = {}
     name, opened = "", False
-    for number, line in enumerate(data.decode(errors="replace").splitlines(), 1):
+    lines = data.decode("utf-8-sig", errors="replace").splitlines()
+    indent = None
+    for number, line in enumerate(lines, 1):
         text = _without_comment(line).strip()
-        if not text or text == "---" or text.startswith("%YAML"):
+        if not text or text in ("---", "...") or text.startswith("%YAML"):
             continue
+        depth = len(line) - len(line.lstrip())
+        indent = depth if indent is None else indent
         match = re.fullmatch(r"([\w-]+)\s*:(?:\s+(.*))?", text)
         if opened:
             values[name] += " " + text
         elif text.startswith("- ") and isinstance(values.get(name), list | None) and name:
             values[name] = [*(values[name] or []), text[2:].strip()]
             continue
-        elif match and not line[0].isspace():
+        elif match and depth == indent:
             name = match[1]
             if name in values:
                 raise OccupancyGridError(f"{path}: line {number}: {name} is there twice")
@@ -270,11 +284,10 @@ def _pose(value: Any) -> list[float]:
 
 
 def _flag(value: Any) -> bool:
-    known = {"0": False, "1": True, "false": False, "true": True}
     text = _text(value)
-    if text.lower() not in known:
-        raise ValueError(f"{text[:40]!r} is none of 0, 1, false, true")
-    return known[text.lower()]
+    if text.lower() not in _FLAGS:
+        raise ValueError(f"{text[:40]!r} is none of {', '.join(_FLAGS)}")
+    return _FLAGS[text.lower()]
 
 
 def _mode(value: Any) -> str:
@@ -282,6 +295,14 @@ def _mode(value: Any) -> str:
     if text not in _MODES:
         raise ValueError(f"{text[:40]!r} is none of {', '.join(_MODES)}")
     return text
+
+
+def _only_saved(levels: np.ndarray, maximum: int) -> bool:
+    """Whether an image holds no other greys than map_saver's."""
+    present = np.zeros(maximum + 1, bool)
+    for row in levels:
+        present[row] = True
+    return maximum == len(_LEVELS) - 1 and {*np.flatnonzero(present).tolist()} <= _SAVED
 
 
 def _read_pgm(path: Path) -> tuple[np.ndarray, int]:
@@ -298,6 +319,8 @@ def _read_pgm(path: Path) -> tuple[np.ndarray, int]:
 
 def _parse_pgm(file: Any) -> tuple[np.ndarray, int]:
     head = file.read(_HEADER_BYTES)
+    if head.startswith(b"\x89PNG"):
+        raise ValueError("a PNG image; convert it to PGM (P2 or P5)")
     if head[:2] not in (b"P2", b"P5"):
         raise ValueError("not a PGM image (P2 or P5)")
     gap = rb"(?:\s|#[^\n\r]*[\n\r])+"

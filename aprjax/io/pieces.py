@@ -15,7 +15,7 @@ from aprjax.atomic import atomic_write
 from aprjax.io.archive import ArchiveError, read_archive
 
 _FORMAT = "aprjax pieces"
-_VERSION = 1
+_VERSION = 2
 
 
 def fingerprint(*inputs: object) -> str:

@@ -20,6 +20,7 @@ from aprjax.atomic import atomic_write
 Format = Literal["g2o", "toro"]
 _LONGEST_LINE = 1 << 16  # bytes
 _WORD = 20  # characters of a damaged word that a report shows
+_LISTED = 3  # kinds of lines that it names
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,8 @@ def read_pose_graph(path: str | os.PathLike[str]) -> PoseGraph:
     """The graph of a g2o or TORO file; which one, each line's tag says.
 
     VERTEX_SE2, EDGE_SE2 and FIX are g2o's, VERTEX2 and EDGE2 TORO's; comments (#) and empty lines
-    are left out, lines of other tags skipped and counted. Angles are taken as they are. Raises
+    are left out, lines of other tags skipped and counted, and so is a FIX of what is no pose, such
+    as a landmark. Angles are taken as they are. Raises
     `PoseGraphError` (a `ValueError`) for a file that cannot be read or has neither vertex nor
     edge, and naming the line for one with another number of fields, an id that is no whole number
     from 0, a number that is not finite, a vertex that is there twice, a matrix that is not
@@ -85,17 +87,23 @@ def read_pose_graph(path: str | os.PathLike[str]) -> PoseGraph:
     path = Path(path)
     graph = PoseGraph()
     used: list[tuple[int, int]] = []
+    others: set[int] = set()
     for number, words in _lines(path):
         try:
-            used += [(number, vertex) for vertex in _add(graph, words)]
+            used += [(number, vertex) for vertex in _add(graph, words, others)]
         except ValueError as error:
             raise PoseGraphError(f"{path}: line {number}: {error}") from None
     # Vertices may follow the edges; without any, as some front ends write, edges are all there is.
     for number, vertex in used if graph.poses else ():
-        if vertex not in graph.poses:
+        if vertex not in graph.poses and not (vertex in others and vertex in graph.fixed):
             raise PoseGraphError(f"{path}: line {number}: there is no vertex {vertex}")
+    graph.fixed = [vertex for vertex in graph.fixed if vertex not in others]
     if not graph.poses and not graph.edges:
-        raise PoseGraphError(f"{path}: neither a vertex nor an edge of a g2o or TORO graph")
+        tags = ", ".join(f"{tag} ({count})" for tag, count in graph.skipped.most_common(_LISTED))
+        raise PoseGraphError(
+            f"{path}: neither a vertex nor an edge of a g2o or TORO graph of the plane"
+            + (f", only {tags}" if tags else "")
+        )
     return graph
 
 
@@ -176,8 +184,11 @@ def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
         raise PoseGraphError(f"{path}: {error.strerror or error}") from None
 
 
-def _add(graph: PoseGraph, words: list[str]) -> Iterable[int]:
-    """Take a line into the graph; the vertices that it must not be alone in naming."""
+def _add(graph: PoseGraph, words: list[str], others: set[int]) -> Iterable[int]:
+    """Take a line into the graph; the vertices that it must not be alone in naming.
+
+    Those that are no poses, such as landmarks, are noted in `others`.
+    """
     tag = words[0]
     if tag == "FIX":
         graph.fixed += (vertices := [_read_id(word) for word in words[1:]])
@@ -185,6 +196,8 @@ def _add(graph: PoseGraph, words: list[str]) -> Iterable[int]:
     layout = _TAGS.get(tag)
     if layout is None:
         graph.skipped[tag[:_WORD]] += 1
+        if tag.startswith("VERTEX") and len(words) > 1 and _is_id(words[1]):
+            others.add(int(words[1]))
         return ()
     if tag.startswith("VERTEX"):
         _expect(words, 5)
@@ -211,9 +224,13 @@ def _expect(words: list[str], count: int) -> None:
 
 
 def _read_id(word: str) -> int:
-    if not (word.isdecimal() and word.isascii() and len(word) < 19):
+    if not _is_id(word):
         raise ValueError(f"{word[:_WORD]!r} is not a vertex's number")
     return int(word)
+
+
+def _is_id(word: str) -> bool:
+    return word.isdecimal() and word.isascii() and len(word) < 19
 
 
 def _numbers(words: list[str]) -> np.ndarray:

@@ -44,12 +44,12 @@ def read_bag(
     topic of that type, else `/tf` if it has such a frame, else none. False takes none.
 
     The static transforms and the first one of every other pair of frames say how a laser is
-    mounted on the robot: in `child_frame_id` of the odometry, else in base_footprint or base_link,
-    else in the highest frame above the laser's that it does not move in. An entry's `odometry` is
-    the pose of the laser, interpolated at the scan's stamp and held at either end; beams of a
-    laser that hangs upside down are turned over. Where there is no transform, the laser is taken
-    to be at the robot's centre. Ranges are as REP 117 has them; a scanner's saturation value, see
-    `saturation_value`, is no return.
+    mounted on the robot: in the first of these frames that they join with the laser's, the
+    odometry's `child_frame_id`, base_footprint, base_link, and the highest one above the laser's
+    that it does not move in. An entry's `odometry` is the pose of the laser, interpolated at the
+    scan's stamp and held at either end; beams of a laser that hangs upside down are turned over.
+    Where there is no transform, the laser is taken to be at the robot's centre. Ranges are as REP
+    117 has them; a scanner's saturation value, see `saturation_value`, is no return.
 
     Damaged messages are skipped and counted, unless `strict`. Raises `LogError`, one line, for
     the missing extra, a bag that cannot be read, a topic that is not there, is of another type or
@@ -271,8 +271,8 @@ def _mount(path: Path, transforms: TransformTree, frame: str, robot: str) -> _Mo
     """How the laser of a frame is mounted on the robot."""
     if frame == robot:
         return _Mount(np.zeros(3))
-    named = (base for base in (robot, *_BASES) if base in transforms.frames)
-    base = next(named, transforms.mounted_on(frame))
+    joined = (base for base in (robot, *_BASES) if transforms.between(base, frame) is not None)
+    base = next(joined, transforms.mounted_on(frame))
     T = transforms.between(base, frame)
     if T is None or base == frame:
         return _CENTRE

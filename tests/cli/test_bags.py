@@ -5,6 +5,7 @@ import pytest
 
 from aprjax.cli import inputs
 from aprjax.io.logs import read_log
+from aprjax.io.trajectory import write_tum
 from tests.io.bags import STORAGES, Bag
 
 RANGES = np.linspace(1.0, 5.0, 181)
@@ -40,6 +41,38 @@ def test_bags_are_matched_as_logs_are(logs, tmp_path, command):
     assert status == 0
     status, table, _ = command("match", *bags, "--out", "-", "--topic", "/scan")
     assert (status, table) == (0, expected)
+
+
+def test_topics_of_references_and_queries_are_chosen_apart(logs, tmp_path, command):
+    two = bag_of(logs[1], "mcap").scan(RANGES, topic="/back").write(tmp_path)
+    _, expected, _ = command("match", *logs, "--out", "-")
+    chosen = ("--topic", "/scan", "--reference-topic", "ROBOTLASER1")
+    assert command("match", logs[0], two, "--out", "-", *chosen)[:2] == (0, expected)
+    status, _, err = command("match", logs[0], two, "--out", "-", *chosen[:2])
+    assert status == 1
+    assert "'/scan' is none of ROBOTLASER1" in err
+
+
+def test_a_sweep_takes_the_truth_of_a_bag_from_a_trajectory(logs, tmp_path, command):
+    axis = ("--set", "confident=0.1:0.3:2")
+    assert command("sweep", *logs, *axis, "--out", tmp_path / "logs")[0] == 0
+    bags, truth = [], []
+    for log, scans in zip(logs, ("reference", "query"), strict=True):
+        entries = list(read_log(log))
+        bags.append(bag_of(log, "mcap").write(tmp_path, scans))
+        truth += [f"--{scans}-poses", tmp_path / f"{scans}.tum"]
+        stamps = 0.5 * np.arange(1, 1 + len(entries))
+        write_tum(truth[-1], stamps, np.array([entry.logged_pose for entry in entries]))
+    status, _, err = command("sweep", *bags, *axis, "--out", tmp_path / "none")
+    assert (status, err.count("\n")) == (1, 1)
+    assert "query: states no poses of its scans" in err
+    assert command("sweep", *bags, *axis, *truth, "--out", tmp_path / "bags")[0] == 0
+    tables = [(tmp_path / name / "sweep.csv").read_text() for name in ("logs", "bags")]
+    assert tables[0] == tables[1]
+    short = (*truth[:3], tmp_path / "reference.tum")
+    status, _, err = command("sweep", *bags, *axis, *short, "--out", tmp_path / "none")
+    assert (status, err.count("\n")) == (1, 1)
+    assert "reference.tum: from 0.500 to 4.000 s; scan 9 of" in err
 
 
 def test_info_lists_the_topics_and_describes_the_scans(tmp_path, command):

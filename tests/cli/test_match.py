@@ -10,7 +10,12 @@ import pytest
 import aprjax.batch
 import aprjax.cli.match as cli_match
 from aprjax.cli.main import main
+from aprjax.grid.drawing import grid_from_scans
+from aprjax.io.logs import read_log
+from aprjax.io.occupancy_grid import write_occupancy_grid
 from aprjax.io.tables import MATCH_COLUMNS
+from aprjax.io.trajectory import read_tum
+from aprjax.metrics import deviations
 
 
 def rows_of(text):
@@ -54,6 +59,38 @@ def test_most_queries_are_matched_with_the_reference_they_were_taken_near(table)
     best = [row for row in rows_of(table) if row["rank"] == "0"]
     right = [row["reference"] == str(int(row["query"]) % 8) for row in best]
     assert sum(right) >= 14
+
+
+def test_scans_are_found_in_an_occupancy_grid_and_written_as_a_trajectory(logs, tmp_path, command):
+    known, seen = (list(read_log(path)) for path in logs)
+    grid = grid_from_scans(
+        [entry.scan for entry in known], np.array([entry.logged_pose for entry in known])
+    )
+    write_occupancy_grid(grid, tmp_path / "office.yaml")
+    tum = tmp_path / "found.tum"
+    words = ("match", tmp_path / "office.yaml", logs[1], "--out", tmp_path / "m.csv", "--tum", tum)
+    assert command(*words)[0] == 0
+    stamps, poses = read_tum(tum)
+    truth = {round(entry.stamp, 3): entry.logged_pose for entry in seen}
+    gap, turn = deviations(poses, np.array([truth[round(stamp, 3)] for stamp in stamps]))
+    assert len(stamps) >= 8
+    assert np.all((gap < 0.2) & (turn < np.radians(5)))
+
+
+def test_without_poses_of_the_references_there_is_no_trajectory(logs, tmp_path, command):
+    tum = tmp_path / "found.tum"
+    status, _, err = command("match", *logs, "--out", tmp_path / "m.csv", "--tum", tum)
+    assert (status, err.count("\n")) == (1, 1)
+    assert "references.log.gz: states no poses" in err
+    assert not tum.exists()
+
+
+def test_a_grid_that_is_none_is_one_line(logs, tmp_path, command):
+    (tmp_path / "office.yaml").write_text("image: none.pgm\n")
+    words = ("match", tmp_path / "office.yaml", logs[1], "--out", tmp_path / "m.csv")
+    status, _, err = command(*words)
+    assert (status, err.count("\n")) == (1, 1)
+    assert "office.yaml: resolution is missing" in err
 
 
 def test_one_line_sums_up(logs, table, tmp_path, command):

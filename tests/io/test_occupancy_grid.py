@@ -53,6 +53,35 @@ def test_binary_and_plain_and_deep_images_say_the_same(tmp_path):
             np.testing.assert_array_equal(read_occupancy_grid(path).cells, [[100, -1, 0]])
 
 
+@pytest.mark.parametrize("free_thresh", [0.1, 0.196, 0.25])
+def test_what_map_saver_painted_unknown_is_unknown_whatever_free_thresh_it_wrote(
+    tmp_path, free_thresh
+):
+    path = write(tmp_path, YAML.replace("0.196", str(free_thresh)))
+    np.testing.assert_array_equal(read_occupancy_grid(path).cells, CELLS)
+
+
+def test_in_any_other_image_free_thresh_says_what_is_free(tmp_path):
+    yaml = YAML.replace("0.196", "0.25")
+    path = write(tmp_path, yaml, pixels(0, 205, 220, 254))
+    np.testing.assert_array_equal(read_occupancy_grid(path).cells, [[100, 0, 0, 0]])
+    path = write(tmp_path, yaml.replace("negate: 0", "negate: 1"), pixels(0, 205, 254))
+    np.testing.assert_array_equal(read_occupancy_grid(path).cells, [[0, 100, 100]])
+
+
+@pytest.mark.parametrize(
+    "yaml",
+    [
+        "\ufeff" + YAML,
+        YAML + "...\n",
+        "".join(f"  {line}\n" for line in YAML.splitlines()),
+        *(YAML.replace("negate: 0", f"negate: {word}") for word in ("no", "off", "False")),
+    ],
+)
+def test_what_every_reader_of_yaml_takes_is_taken(tmp_path, yaml):
+    np.testing.assert_array_equal(read_occupancy_grid(write(tmp_path, yaml)).cells, CELLS)
+
+
 def test_comments_in_the_header_and_a_small_maximum(tmp_path):
     image = b"P5 # CREATOR: map_saver 0.05 m/pix\n# another\n2 1\n#\n1\n\x00\x01"
     assert read_occupancy_grid(write(tmp_path, image=image)).cells.tolist() == [[100, 0]]
@@ -191,7 +220,7 @@ def test_a_bad_yaml_file_is_refused_in_one_line(tmp_path, yaml, message):
     [
         (b"", "not a PGM image"),
         (b"P6\n1 1\n255\n\x00", "not a PGM image"),
-        (b"\x89PNG\r\n\x1a\n", "not a PGM image"),
+        (b"\x89PNG\r\n\x1a\n", "a PNG image; convert it to PGM"),
         (b"P5\n3 2\n", "its header is not width, height and maximum"),
         (b"P5\n3 x\n255\n", "its header is not width, height and maximum"),
         (b"P5\n-3 2\n255\n", "its header is not width, height and maximum"),

@@ -86,6 +86,15 @@ def test_comments_are_left_out_and_other_lines_counted(tmp_path):
     assert (list(found.poses), found.edges, found.fixed) == ([0], [], [0])
 
 
+def test_a_fixed_landmark_is_left_out_with_it(tmp_path):
+    path = tmp_path / "graph.g2o"
+    path.write_text("FIX 5 0\nVERTEX_SE2 0 0 0 0\nVERTEX_XY 5 1 1\n")
+    assert read_pose_graph(path).fixed == [0]
+    path.write_text("VERTEX_SE2 0 0 0 0\nVERTEX_XY 5 1 1\nEDGE_SE2 0 5 1 2 3 1 0 0 1 0 1\n")
+    with pytest.raises(PoseGraphError, match="line 3: there is no vertex 5"):
+        read_pose_graph(path)
+
+
 def test_toros_oldest_tags_are_known(tmp_path):
     path = tmp_path / "graph"
     path.write_text(f"VERTEX 1 0 0 0\nVERTEX 2 0 0 0\nEDGE 1 2 1 2 0.5 {IN_ORDER['toro']}\n")
@@ -126,6 +135,7 @@ def test_a_bad_line_is_named_by_its_number(tmp_path, line, message):
         (b"", "neither a vertex nor an edge"),
         (b"\x00\xff\x01\n" * 100, "neither a vertex nor an edge"),
         (b"x" * (1 << 20), "neither a vertex nor an edge"),
+        (b"VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\n" * 2, r"of the plane, only VERTEX_SE3:QUAT \(2\)"),
     ],
 )
 def test_a_file_that_is_no_graph_is_refused(tmp_path, data, message):

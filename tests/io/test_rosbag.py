@@ -130,6 +130,18 @@ def test_a_laser_that_hangs_upside_down_counts_clockwise(bag, tmp_path):
     assert entry.scan.angle_increment == np.float32(-np.pi / 180)
 
 
+def test_a_base_that_no_transforms_join_with_the_laser_does_not_hide_one_that_they_do(
+    bag, tmp_path
+):
+    bag.transform("odom", "base_footprint", [0, 0, 0], static=False)
+    bag.transform("base_link", "laser", [0.3, 0.0, 0.0], flipped=True)
+    bag.odometry([0, 0, 0], child="base_footprint").scan(RANGES)
+    log = aprjax.read_log(bag.write(tmp_path))
+    np.testing.assert_allclose(log.report.T_robot_laser["/scan"], [0.3, 0, 0], atol=1e-9)
+    (entry,) = log
+    assert entry.scan.angle_increment < 0
+
+
 def test_a_tilted_laser_is_refused(mcap, tmp_path):
     tilted = (0.0, np.sin(0.4), 0.0, np.cos(0.4))
     mcap.transform("base_link", "laser", [0, 0, 0], rotation=tilted)
@@ -223,13 +235,42 @@ def test_damaged_bags_are_refused_in_one_line(bag, tmp_path):
 
 def test_what_is_no_bag_is_refused(bag, tmp_path):
     (tmp_path / "folder").mkdir()
-    with pytest.raises(LogError, match=r"folder: a folder without metadata.yaml"):
+    with pytest.raises(LogError, match=r"folder: a folder without metadata.yaml.*ROS 2$"):
         aprjax.read_log(tmp_path / "folder")
     path = drive(bag).write(tmp_path)
     file = path if path.is_file() else next(f for f in path.iterdir() if f.suffix != ".yaml")
     other = shutil.copy(file, tmp_path / "renamed.log")
     with pytest.raises(LogError, match=f"its name does not end in {file.suffix}"):
         aprjax.read_log(other)
+
+
+def test_a_bag_whose_recording_was_cut_off_says_what_mends_it(bag, tmp_path):
+    path = drive(bag).write(tmp_path)
+    tool = {"ros1": "rosbag reindex", "sqlite3": "ros2 bag reindex", "mcap": "mcap recover"}
+    file = path if path.is_file() else next(f for f in path.iterdir() if f.suffix != ".yaml")
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    with pytest.raises(LogError, match=f"if its recording was cut off, `{tool[bag.storage]}`"):
+        list(aprjax.read_log(path))
+
+
+def test_a_bag_that_is_still_being_recorded_says_what_mends_it(tmp_path):
+    path = drive(Bag("ros1")).write(tmp_path)
+    with pytest.raises(LogError, match=r"does not end in .bag \(if .* `rosbag reindex` mends it"):
+        aprjax.read_log(path.rename(tmp_path / "drive.bag.active"))
+
+
+def test_of_a_folder_of_bags_each_is_named(tmp_path):
+    for name in ("a", "b"):
+        drive(Bag("ros1")).write(tmp_path, name)
+    with pytest.raises(LogError, match=r"; it holds a.bag, b.bag: read one at a time"):
+        aprjax.read_log(tmp_path)
+
+
+def test_a_compressed_file_is_told_from_a_log(tmp_path):
+    path = tmp_path / "drive.mcap.zstd"
+    path.write_bytes(b"\x28\xb5\x2f\xfd" + bytes(100))
+    with pytest.raises(LogError, match="compressed by zstd"):
+        aprjax.read_log(path)
 
 
 def test_carmen_logs_are_no_bags(tmp_path):
