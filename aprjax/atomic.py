@@ -1,6 +1,7 @@
 """Files that are either the old ones or complete new ones, never half written."""
 
 import os
+import re
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -38,11 +39,15 @@ def atomic_write(path: str | os.PathLike[str], mode: Literal["w", "wb"] = "w") -
         raise
 
 
+def is_temporary(path: Path) -> bool:
+    """Whether a file has the name of one that `atomic_write` had not finished."""
+    return re.fullmatch(r"\.[0-9a-f]{16}\.tmp", path.name) is not None
+
+
 @contextmanager
 def _named(path: str | os.PathLike[str]) -> Iterator[None]:
     """Let an `OSError` name the file that was to be written, not a passing one or none."""
     try:
         yield
     except OSError as error:
-        error.filename, error.filename2 = os.fspath(path), None
-        raise
+        raise OSError(error.errno, error.strerror or str(error), os.fspath(path)) from error

@@ -78,6 +78,7 @@ def test_an_error_names_the_file_that_was_to_be_written(tmp_path):
     with pytest.raises(OSError) as caught, atomic_write("/dev/full") as file:
         file.write("x")
     assert caught.value.filename == "/dev/full"
+    assert str(caught.value) == "[Errno 28] No space left on device: '/dev/full'"
     path = tmp_path / "missing" / "file"
     with pytest.raises(FileNotFoundError) as caught, atomic_write(path):
         pass

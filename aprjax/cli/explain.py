@@ -13,7 +13,7 @@ from aprjax.cli.inputs import (
     read_scans,
     warn_of_damage,
 )
-from aprjax.cli.outputs import check_output
+from aprjax.cli.outputs import check_output, shown
 from aprjax.explanation.report import explain
 from aprjax.matcher import MatchConfig
 
@@ -80,7 +80,7 @@ def run(arguments: argparse.Namespace) -> None:
             config,
             exclude=own,
             about=arguments.about,
-            title=f"{arguments.queries.name}, scan {number}, in {path.name}",
+            title=f"{shown(arguments.queries.name)}, scan {number}, in {shown(path.name)}",
         )
     except ValueError as error:
         raise CommandError(f"{path}: {error}") from None

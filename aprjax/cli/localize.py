@@ -13,7 +13,7 @@ import numpy as np
 from aprjax.atomic import atomic_write
 from aprjax.cli.errors import CommandError
 from aprjax.cli.inputs import add_topic_options, read_drive
-from aprjax.cli.outputs import check_output, make_folder
+from aprjax.cli.outputs import check_outputs, make_folder
 from aprjax.cli.progress import Progress
 from aprjax.io.log import LogEntry
 from aprjax.io.tables import HypothesisRow, write_hypotheses
@@ -68,7 +68,7 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
         "--cycles",
         type=_cycles,
         default=(1, 32, 75, 106),
-        metavar="N,N,…",
+        metavar="N,N,...",
         help="scans after which to draw, counted from 1 (default: 1,32,75,106)",
     )
     parser.add_argument("--gif", type=Path, metavar="F.gif", help="also draw the whole run")
@@ -95,9 +95,7 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
 def run(arguments: argparse.Namespace) -> None:
     """Carry out the subcommand. Raises `CommandError` and `OSError`."""
     table = None if arguments.out == "-" else Path(arguments.out)
-    for out in (table, arguments.tum, arguments.gif):
-        if out is not None:
-            check_output(out, arguments.map, arguments.log)
+    check_outputs((table, arguments.tum, arguments.gif), arguments.map, arguments.log)
     if arguments.pictures:
         make_folder(arguments.pictures)
     world = _load(arguments.map)

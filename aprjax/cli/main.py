@@ -5,6 +5,7 @@ interrupted.
 """
 
 import argparse
+import io
 import os
 import sys
 from collections.abc import Sequence
@@ -18,6 +19,9 @@ from aprjax.compilation import cache_compilations
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one subcommand; the exit status. Bad usage raises argparse's `SystemExit`."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # of names and signs it cannot write
     arguments = _parser().parse_args(argv)
     try:
         if arguments.cache:
@@ -33,8 +37,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fail(str(error), 1)
     except OSError as error:
         _give_up_output()
-        place = f"{error.filename}: " if error.filename else ""
-        return _fail(f"{place}{error.strerror or error}", 1)
+        # Files are named wherever they are read and written, which leaves standard output.
+        stream = "standard output" if error.errno is not None else None
+        place = error.filename or stream
+        return _fail(": ".join(filter(None, (place, error.strerror or str(error)))), 1)
+    except (ValueError, ArithmeticError) as error:
+        return _fail(f"{type(error).__name__}: {error}", 1)  # whatever no reader had refused
     return 0
 
 

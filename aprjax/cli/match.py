@@ -16,7 +16,7 @@ import numpy as np
 from aprjax.batch import match_batch
 from aprjax.cli.errors import CommandError
 from aprjax.cli.inputs import add_references, gather_references, read_entries, warn_of_damage
-from aprjax.cli.outputs import check_output
+from aprjax.cli.outputs import check_outputs
 from aprjax.cli.progress import Progress
 from aprjax.io.pieces import Pieces, fingerprint
 from aprjax.io.reference_file import save_references
@@ -29,6 +29,7 @@ from aprjax.shortlist import ShortlistConfig
 from aprjax.status import Status
 from aprjax.world.plane import compose
 
+_MOST_HYPOTHESES = 1000
 _PIECES = (128, 96, 64, 32)  # queries of a call: whole chunks of the matcher
 
 
@@ -53,7 +54,11 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
         help="references to compare, those of the highest preselection value (default: all)",
     )
     parser.add_argument(
-        "--hypotheses", type=_count, default=5, metavar="K", help="most of a query (default: 5)"
+        "--hypotheses",
+        type=_hypotheses,
+        default=5,
+        metavar="K",
+        help=f"most of a query, up to {_MOST_HYPOTHESES} (default: 5)",
     )
     parser.add_argument(
         "--min-quality",
@@ -74,10 +79,11 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
     )
     parser.add_argument(
         "--anchors",
-        type=_count,
+        type=_anchors,
         default=None,
         metavar="N",
-        help="most anchor points of a scan (default: 16, or as the reference file has it)",
+        help="most anchor points of a scan, 2 to 128 (default: 16, or as the reference file has "
+        "it)",
     )
     parser.add_argument(
         "--save-references", type=Path, metavar="F", help="also save the references to a file"
@@ -99,9 +105,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Carry out the subcommand. Raises `CommandError` and `OSError`."""
     inputs = (arguments.references, arguments.queries)
     table = None if arguments.out == "-" else Path(arguments.out)
-    for out in (table, arguments.save_references, arguments.tum):
-        if out is not None:
-            check_output(out, *inputs)
+    check_outputs((table, arguments.save_references, arguments.tum), *inputs)
 
     entries, report = read_entries(
         arguments.queries, arguments.topic, False, strict=arguments.strict
@@ -273,7 +277,16 @@ def _share(text: str) -> float:
     return value
 
 
-def _count(text: str) -> int:
-    if not (text.isdecimal() and text.isascii() and int(text) > 0):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1")
-    return int(text)
+def _hypotheses(text: str) -> int:
+    return _count(text, 1, _MOST_HYPOTHESES)
+
+
+def _anchors(text: str) -> int:
+    return _count(text, 2, 128)
+
+
+def _count(text: str, least: int = 1, most: int = 2**31 - 1) -> int:
+    value = int(text) if text.isdecimal() and text.isascii() and len(text) < 11 else 0
+    if not least <= value <= most:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {least} to {most}")
+    return value

@@ -2,9 +2,28 @@
 
 import os
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 
 from aprjax.cli.errors import CommandError
+
+
+def check_outputs(paths: Iterable[Path | None], *inputs: Path) -> None:
+    """Raise `CommandError` as `check_output` does, and where two of the `paths` are one file."""
+    seen: set[Path] = set()
+    for path in paths:
+        if path is None:
+            continue
+        check_output(path, *inputs)
+        target = path.resolve()
+        if target in seen and (target.is_file() or not target.exists()):
+            raise CommandError(f"{path}: would be written twice")
+        seen.add(target)
+
+
+def shown(path: str | Path) -> str:
+    """A path as text that any file can hold: names need not be Unicode."""
+    return os.fsencode(path).decode(errors="replace")
 
 
 def check_output(path: Path, *inputs: Path) -> None:

@@ -21,7 +21,7 @@ from aprjax.cli.inputs import (
     reference_topic,
     warn_of_damage,
 )
-from aprjax.cli.outputs import make_folder
+from aprjax.cli.outputs import make_folder, shown
 from aprjax.cli.progress import Progress
 from aprjax.cli.sweep_table import write_curves, write_figures, write_rows
 from aprjax.configuration import to_dict
@@ -35,6 +35,7 @@ from aprjax.sweeping.axes import check_names
 from aprjax.sweeping.run import CONFIGURATIONS, QUERIES, Piece, sweep_grid
 
 _MOST = 10_000  # configurations
+_LARGEST = float(np.finfo(np.float32).max)  # of a threshold
 _LATE = 0.5  # seconds outside of a trajectory that a scan may be taken at
 _NEAR_DISTANCE, _NEAR_ANGLE = 2.0, np.radians(40)  # of a reference, where a query can be matched
 
@@ -137,9 +138,9 @@ def run(arguments: argparse.Namespace) -> None:
         "aprjax": _version(),
         "jax": jax.__version__,
         "backend": jax.default_backend(),
-        "references": {"path": str(arguments.references), "scans": len(references)},
-        "queries": {"path": str(arguments.queries), "scans": len(mapped)},
-        "mapped": str(arguments.mapped)
+        "references": {"path": shown(arguments.references), "scans": len(references)},
+        "queries": {"path": shown(arguments.queries), "scans": len(mapped)},
+        "mapped": shown(arguments.mapped)
         if arguments.mapped
         else "within 2 m and 40° of a reference",
         "false_rate": arguments.false_rate,
@@ -276,7 +277,7 @@ def _axis(text: str) -> tuple[str, np.ndarray]:
         count = int(words[2]) if len(words) == 3 else 0
     except ValueError:
         start, stop, count = 0.0, 0.0, 0
-    if not (1 <= count <= _MOST and np.isfinite(start) and np.isfinite(stop)):
+    if not (1 <= count <= _MOST and abs(start) <= _LARGEST and abs(stop) <= _LARGEST):
         raise argparse.ArgumentTypeError(
             f"{along!r} is not START:STOP:COUNT, two numbers and how many, 1 to {_MOST}"
         )

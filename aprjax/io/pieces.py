@@ -5,14 +5,14 @@ run, told by its fingerprint: pieces of another are thrown away, not mixed in.
 """
 
 import hashlib
-import shutil
+from contextlib import suppress
 from pathlib import Path
 
 import jax
 import numpy as np
 
-from aprjax.atomic import atomic_write
-from aprjax.io.archive import ArchiveError, read_archive
+from aprjax.atomic import atomic_write, is_temporary
+from aprjax.io.archive import ArchiveError, archive_format, read_archive
 
 _FORMAT = "aprjax pieces"
 _VERSION = 2
@@ -62,5 +62,13 @@ class Pieces:
             )
 
     def discard(self) -> None:
-        """Remove the folder, when the result that the pieces were for is written."""
-        shutil.rmtree(self._folder, ignore_errors=True)
+        """Remove all pieces, when the result that they were for is written.
+
+        The folder goes with them unless something else is in it, which stays.
+        """
+        with suppress(OSError):
+            for path in self._folder.iterdir():
+                # Temporary files are of runs that were killed while they wrote a piece.
+                if is_temporary(path) or (path.is_file() and archive_format(path) == _FORMAT):
+                    path.unlink()
+            self._folder.rmdir()

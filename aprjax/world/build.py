@@ -14,7 +14,8 @@ from jaxtyping import Array, Float
 
 from aprjax.configuration import threshold
 from aprjax.features import FeatureConfig
-from aprjax.io.carmen import LogEntry
+from aprjax.io.log import LogEntry
+from aprjax.io.messages import FARTHEST
 from aprjax.references import ReferenceSet
 from aprjax.scan import Scan
 from aprjax.world.arcs import fit_arcs
@@ -84,17 +85,27 @@ def build_map(
     """The world model of a drive, from its scans and its raw odometry alone.
 
     References and places carry the numbers of the log's scans, from 0. `progress` is told how many
-    more scans have been dealt with; each counts twice. Raises `ValueError` for a log without scans
-    and for a scan without odometry. Scans in which nothing can be seen are placed by odometry.
+    more scans have been dealt with; each counts twice. Raises `ValueError` for a log without scans,
+    and for a scan whose odometry is missing or not three finite numbers up to 1e15. A step of over
+    a kilometre is taken for a restart of odometry, which says nothing. Scans in which nothing can
+    be seen are placed by odometry.
     """
     entries = list(log)
     if not entries:
         raise ValueError("log: there is no scan")
-    for number, entry in enumerate(entries):
-        if entry.odometry is None:
-            raise ValueError(f"log: scan {number} has no odometry")
-    odometry = np.array([entry.odometry for entry in entries], float)
+    odometry = np.array([_odometry(entry, number) for number, entry in enumerate(entries)])
     return build_from_scans([entry.scan for entry in entries], odometry, config, progress)
+
+
+def _odometry(entry: LogEntry, number: int) -> np.ndarray:
+    if entry.odometry is None:
+        raise ValueError(f"log: scan {number} has no odometry")
+    pose = np.asarray(entry.odometry, float)
+    if pose.shape != (3,) or not np.all(np.abs(pose) <= FARTHEST):
+        raise ValueError(
+            f"log: scan {number}: odometry {pose.tolist()} is not three numbers up to {FARTHEST:g}"
+        )
+    return pose
 
 
 def build_from_scans(

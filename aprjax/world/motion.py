@@ -22,6 +22,7 @@ _SKID = np.radians(8)  # at least for that: wheels may slip on the spot
 NARROW_TURNS = np.radians([0, -4, 4])
 """Turns of the starts where the relative pose is known from other scans."""
 _OFF = 1.5  # deviations of odometry that starts lie off it
+_FARTHEST_STEP = 1000.0  # metres
 _LAGS = (1.0, 2.0, 3.0)  # metres of way between scans that are aligned besides neighbours
 
 
@@ -99,7 +100,7 @@ def motion(views: View, odometry: np.ndarray, config: MotionConfig) -> Motion:
     before it; all that agree, and odometry, are weighed in one robust least-squares problem.
     """
     count = len(odometry)
-    steps = relative(odometry[:-1], odometry[1:])
+    steps = _believable(relative(odometry[:-1], odometry[1:]))
     covariance = _odometry_covariance(steps, config)
     of_odometry = Measurements.make(np.arange(count - 1), np.arange(1, count), steps, covariance)
     measured = [of_odometry]
@@ -186,6 +187,16 @@ def _wide(steps: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     starts = [turned(steps + off[:, None] * way, turns) for way in aside]
     starts += [turned(steps * [share, share, 1.0], _FEW_TURNS) for share in (0.0, -1.0)]
     return np.concatenate(starts, axis=1)
+
+
+def _believable(steps: np.ndarray) -> np.ndarray:
+    """Steps `(..., 3)`, none longer than any that odometry measures.
+
+    Their deviations grow with them, and numbers that differ by too much cannot be weighed in one
+    problem. What is left of such a step is as uncertain as to say nothing.
+    """
+    shorter = np.minimum(1.0, _FARTHEST_STEP / np.maximum(distance(steps), _FARTHEST_STEP))
+    return steps * np.stack([shorter, shorter, np.ones_like(shorter)], axis=-1)
 
 
 def _odometry_covariance(steps: np.ndarray, config: MotionConfig) -> np.ndarray:

@@ -1,9 +1,12 @@
+import os
 import tomllib
 from pathlib import Path
 
 import jax
 import pytest
 
+from aprjax.cli import info
+from aprjax.cli.outputs import shown
 from aprjax.programs import keep_traces
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -39,3 +42,19 @@ def test_the_version_is_that_of_the_project(command):
     status, out, err = command("--version")
     assert (status, err) == (0, "")
     assert out in (f"aprjax {project['version']}\n", "aprjax of a checkout that is not installed\n")
+
+
+def test_what_nothing_had_refused_is_one_line_too(command, logs, monkeypatch):
+    def fail(_):
+        raise ValueError("no reader\nsaw this")
+
+    monkeypatch.setattr(info, "run", fail)
+    assert command("info", logs[0]) == (1, "", "aprjax: ValueError: no reader saw this\n")
+
+
+def test_names_that_are_not_unicode_are_shown_and_written(command, tmp_path):
+    name = os.fsdecode(b"\xff.log.gz")
+    assert shown(tmp_path / name).endswith("\ufffd.log.gz")
+    status, _, err = command("info", tmp_path / name)
+    assert status == 1
+    assert "No such file" in err

@@ -141,4 +141,7 @@ def test_standard_output_that_is_full_is_one_line(small):
             text=True,
             cwd=Path(__file__).resolve().parents[2],
         )
-    assert (done.returncode, done.stderr) == (1, "aprjax: No space left on device\n")
+    assert (done.returncode, done.stderr) == (
+        1,
+        "aprjax: standard output: No space left on device\n",
+    )

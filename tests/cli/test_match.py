@@ -64,7 +64,8 @@ def test_most_queries_are_matched_with_the_reference_they_were_taken_near(table)
 def test_scans_are_found_in_an_occupancy_grid_and_written_as_a_trajectory(logs, tmp_path, command):
     known, seen = (list(read_log(path)) for path in logs)
     grid = grid_from_scans(
-        [entry.scan for entry in known], np.array([entry.logged_pose for entry in known])
+        [entry.scan for entry in (*known, *seen)],
+        np.array([entry.logged_pose for entry in (*known, *seen)]),
     )
     write_occupancy_grid(grid, tmp_path / "office.yaml")
     tum = tmp_path / "found.tum"
@@ -302,6 +303,13 @@ def test_interruption_is_one_line(logs, tmp_path, command, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
+def test_two_outputs_that_are_one_file_are_one_clear_line(logs, tmp_path, command):
+    both = tmp_path / "both"
+    status, _, err = command("match", *logs, "--out", both, "--save-references", both)
+    assert (status, err) == (1, f"aprjax: {both}: would be written twice\n")
+    assert not both.exists()
+
+
 @pytest.mark.parametrize(
     "words",
     [
@@ -315,7 +323,8 @@ def test_interruption_is_one_line(logs, tmp_path, command, monkeypatch):
         ["match", "a", "b", "--out", "-", "--hypotheses", "1.5"],
         ["match", "a", "b", "--out", "-", "--min-quality", "nan"],
         ["match", "a", "b", "--out", "-", "--min-quality", "2"],
-        ["match", "a", "b", "--out", "-", "--anchors", "0"],
+        *(["match", "a", "b", "--out", "-", "--anchors", n] for n in ("0", "1", "129", "9" * 30)),
+        *(["match", "a", "b", "--out", "-", "--hypotheses", n] for n in ("1001", "9" * 30)),
         ["info"],
     ],
 )

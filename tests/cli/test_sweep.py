@@ -181,6 +181,7 @@ def test_which_queries_count_can_be_told(logs, folder, tmp_path, command):
         "congruence.tolerance=1:1:2",
         "congruence.tolerance=1:2:1",
         "congruence.tolerance=0:1:10001",
+        "congruence.tolerance=1e39:1e300:2",
         "congruence.tolerence=1:2:2",
         "top_k=1:5:5",
         "=1:2:2",

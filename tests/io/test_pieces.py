@@ -41,6 +41,18 @@ def test_nothing_is_left_of_pieces_that_are_discarded(folder):
     assert not folder.exists()
 
 
+def test_what_is_no_piece_stays_when_pieces_are_discarded(folder):
+    pieces = Pieces(folder, "a")
+    pieces.store("0-3", COLUMNS)
+    Pieces(folder, "b").store("3-6", COLUMNS)  # of a run before
+    (folder / ".0123456789abcdef.tmp").write_bytes(b"half a piece")
+    (folder / "notes.txt").write_text("mine")
+    np.savez(folder / "mine.npz", format=np.array("something else"))
+    (folder / "more").mkdir()
+    pieces.discard()
+    assert {path.name for path in folder.iterdir()} == {"notes.txt", "mine.npz", "more"}
+
+
 @pytest.mark.parametrize(
     "other",
     [

@@ -86,6 +86,28 @@ def test_a_log_without_scans_or_odometry_is_refused():
         build_map([log[0], replace(log[1], odometry=None)])
 
 
+@pytest.mark.parametrize("pose", [[0, np.nan, 0], [np.inf, 0, 0], [0, 0], [0, 2e15, 0]])
+def test_odometry_that_is_no_pose_is_refused_by_the_number_of_its_scan(pose):
+    log, _ = drive(seed=3, way=1.0)
+    with pytest.raises(ValueError, match=r"scan 1: odometry \[.*\] is not three numbers"):
+        build_map([log[0], replace(log[1], odometry=np.array(pose, float))])
+
+
+@pytest.mark.parametrize("far", [1e4, 1e9, 9e14])
+def test_odometry_that_jumps_out_of_the_world_spoils_no_place(far):
+    log, truth = drive(seed=3, way=24.0)
+    jump = np.array([far, 0.0, 0.0])
+    world = build_map(
+        [replace(log[k], odometry=log[k].odometry + jump * (k >= 12)) for k in range(24)]
+    )
+    world.check()
+    assert len(world.places) == 24
+    for scan, place in world.places.items():
+        frame = world.graph.nodes[place.node]["scan"]
+        off = relative(place.T_node_laser, relative(truth[frame], truth[scan]))
+        assert distance(off) < 0.3
+
+
 def test_one_scan_is_a_map_of_one_node():
     log, _ = drive(seed=3, way=0.5)
     few = Scan.make(
