@@ -2,11 +2,12 @@
 
     python experiments/kills.py --out DIR [--kills N] [--seed N] [COMMAND ...]
 
-Simulates two runs, carries out each command (`match`, `build` for `map build`, `localize`,
-`sweep`) twice as a whole, and then kills N runs of it (SIGKILL, which no program can catch): every
-other one at any moment, the others once it has begun to write. After each kill no file may carry a
-final name unless it is the whole run's, bit by bit; no finished piece of `match` and `sweep` may
-be gone or differ. In the end the command must come to the same files again, measured times apart.
+Simulates two runs, carries out each command (`match`, `exhaustive` for every scan of a run against
+every other, `build` for `map build`, `localize`, `sweep`) twice as a whole, and then kills N runs
+of it (SIGKILL, which no program can catch): every other one at any moment, the others once it has
+begun to write. After each kill no file may carry a final name unless it is the whole run's, bit by
+bit; no finished piece of `match` and `sweep` may be gone or differ. In the end the command must
+come to the same files again, measured times apart.
 Prints and writes `kills.csv`, and writes `configuration.json`, into DIR, where the runs lie too.
 """
 
@@ -17,6 +18,7 @@ import subprocess
 import sys
 import time
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +27,7 @@ from outputs import print_table, write_configuration, write_table
 from aprjax.io.archive import ArchiveError, read_archive
 
 _POLL = 2e-4  # seconds between two looks at what is written
-COMMANDS = ("match", "build", "localize", "sweep")
+COMMANDS = ("match", "exhaustive", "build", "localize", "sweep")
 _TIMES = "times.csv"  # of a sweep: no two runs share them
 _LAST = "manifest.json"  # what a sweep writes when all else is there
 
@@ -50,6 +52,8 @@ def words(command: str, folder: Path, out: Path) -> list[str]:
     runs = {name: str(folder / f"{name}.log.gz") for name in ("references", "first", "second")}
     if command == "match":
         rest = ["match", runs["references"], runs["second"]]
+    elif command == "exhaustive":
+        rest = ["match", runs["second"], runs["second"], "--exclude-self"]
     elif command == "build":
         rest = ["map", "build", runs["second"]]
     elif command == "sweep":
@@ -121,7 +125,9 @@ def killed(
     here.mkdir(exist_ok=True)
     out = here / f"whole.{command}"
     pieces: dict[str, bytes] = {}
-    for number in range(kills):
+    for number in count():
+        if outcome.kills == kills:
+            break
         if number % 2:
             finished = _kill_while_writing(words(command, folder, out), folder, out, rng)
         else:
