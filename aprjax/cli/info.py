@@ -22,7 +22,8 @@ from aprjax.scan import Scan
 from aprjax.world.store import VERSION as MAP_VERSION
 from aprjax.world.store import looks_like_map
 
-_SAMPLE = 64  # scans of which anchors are counted
+_SAMPLE = 64  # scans of which anchors are counted,
+_SAMPLE_BEAMS = 1 << 17  # of that many beams together
 
 
 def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -148,10 +149,12 @@ def _span(values: list[Any], digits: int | None = None) -> Any:
 
 def _mean_anchors(scans: list[Scan]) -> float:
     """Mean number of anchors of a few scans, evenly spread."""
-    count = min(len(scans), _SAMPLE)
+    # Fewer of a great many beams, whose extraction would take gigabytes.
+    most = max(min(_SAMPLE, _SAMPLE_BEAMS // max(int(scan.beams) for scan in scans)), 1)
+    count = min(len(scans), most)
     sample = Scan.stack([scans[i * len(scans) // count] for i in range(count)])
     with single_precision():
-        found = _extract(sample.pad_batch(_SAMPLE), ExtractionConfig())
+        found = _extract(sample.pad_batch(most), ExtractionConfig())
     return round(float(np.sum(found.valid)) / count, 2)
 
 

@@ -3,6 +3,7 @@
 A cell is occupied where the scans that end in it are not too few beside those that see through it.
 """
 
+import math
 from collections.abc import Sequence
 
 import jax
@@ -11,6 +12,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from aprjax.grid.occupancy_grid import (
+    COARSEST,
+    FINEST,
     FREE,
     MOST_CELLS,
     OCCUPIED,
@@ -24,6 +27,7 @@ from aprjax.se2 import Pose
 # Share of the scans of a cell that end in it, from which on it is occupied: surfaces are thinner
 # than a cell and poses centimetres off, so that many of the others miss it.
 _SHARE = 0.35
+_MOST_CELLS = MOST_CELLS >> 2  # within reach of a scan, for each of which it is asked what is there
 _CLEAR = 1.5  # cells before a hit that nothing is said of: it may lie in any part of its own
 
 
@@ -43,8 +47,8 @@ def grid_from_scans(
     neighbouring beams that is drawn as surface, all in metres. Free is what lies between two
     neighbouring beams up to the shorter one's end, and along each beam. Raises `ValueError`
     naming a field for shapes that do not fit each other, for poses and lengths that make no
-    sense, for scans without a hit within reach, and where the poses lie so far apart that the
-    grid would have over 2²⁸ cells.
+    sense, for a reach of over 4000 cells, for scans without a hit within it, and where the poses
+    lie so far apart that the grid would have over 2²⁸ cells, or twice as many within reach.
     """
     scans = scans if isinstance(scans, Scan) else Scan.stack(scans)
     poses = np.asarray(T_world_laser, float)
@@ -61,6 +65,17 @@ def grid_from_scans(
     ):
         if not low < value < np.inf:
             raise ValueError(f"{name}: {value} m is not over {low} m and finite")
+    if not FINEST <= resolution <= COARSEST:
+        raise ValueError(f"resolution: {resolution} m is not from {FINEST} to {COARSEST}")
+    across = 2 * _half(reach, resolution) + 1
+    if across**2 > _MOST_CELLS:
+        raise ValueError(
+            f"resolution: at {resolution} m, a reach of {reach} m is {across} x {across} cells"
+        )
+    join = min(join, 2 * reach)  # which no two hits are farther apart than
+    points = np.shape(scans.ranges)[1] * 2 * join / resolution
+    if points > MOST_CELLS:
+        raise ValueError(f"join: at {join} m, a scan may have {points:.0f} points of surface")
     surfaces = [
         _surface(scan, pose, resolution, reach, join)
         for scan, pose in zip(_each(scans), poses, strict=True)
@@ -71,9 +86,10 @@ def grid_from_scans(
     around = np.concatenate([*surfaces, poses[:, :2]])
     low = np.floor(around.min(axis=0) / resolution) - 1
     columns, rows = (np.ceil(around.max(axis=0) / resolution) - low + 1).tolist()
-    if rows * columns > MOST_CELLS:
+    fits = rows * columns <= MOST_CELLS
+    shape = (int(rows), int(columns)) if fits else (0, 0)
+    if not fits or math.prod(_with_margin(shape, _half(reach, resolution))) > 2 * MOST_CELLS:
         raise ValueError(f"T_world_laser: the poses span {rows:.0f} x {columns:.0f} cells")
-    shape = int(rows), int(columns)
     hits = np.zeros(shape, np.int32)
     for xy in surfaces:
         x, y = (np.floor(xy / resolution) - low).astype(int).T
@@ -109,17 +125,27 @@ def _surface(
     return np.concatenate([xy[hit], between.reshape(-1, 2)])
 
 
+def _half(reach: float, resolution: float) -> int:
+    """Cells to each side of a laser that it can see."""
+    return int(np.ceil(reach / resolution)) + 1
+
+
+def _with_margin(shape: tuple[int, int], half: int) -> tuple[int, int]:
+    """Rows and columns of a grid, up to the next bucket of sizes, with `half` cells all around."""
+    rows, columns = (bucket(size, smallest=64) + 2 * half for size in shape)
+    return rows, columns
+
+
 def _passes(
     scans: Scan, pose: np.ndarray, shape: tuple[int, int], resolution: float, reach: float
 ) -> np.ndarray:
     """How many scans saw through each cell; `pose` `(N, 3)` in cells from the grid's corner."""
     # A window around the laser, so that the work goes by the reach and not by the grid; a margin
     # of half a window all around keeps it inside.
-    half = int(np.ceil(reach / resolution)) + 1
-    height, width = (bucket(size, smallest=64) + 2 * half for size in shape)
+    half = _half(reach, resolution)
     free = _free_counts(
         jax.tree.map(np.asarray, scans), pose, np.float32(resolution), np.float32(reach),
-        half, (height, width),
+        half, _with_margin(shape, half),
     )  # fmt: skip
     return np.asarray(free)[half : half + shape[0], half : half + shape[1]]
 

@@ -11,6 +11,8 @@ from aprjax.grid.plane import transform
 UNKNOWN, FREE, OCCUPIED = -1, 0, 100
 MOST_CELLS = 1 << 28
 """Of the largest grid, half a square kilometre at 5 cm: more is a mistake, or meant to do harm."""
+FINEST, COARSEST = 1e-4, 1e3
+"""Metres that a cell is wide at least and at most."""
 _FREE_TO, _OCCUPIED_FROM = 25, 65  # per cent, as map_server's thresholds are by default
 
 
@@ -39,7 +41,7 @@ class OccupancyGrid:
         """A checked grid.
 
         Raises `ValueError` naming the field and its value for cells that are not two-dimensional,
-        none, over 2²⁸ or not from -1 to 100, for a resolution that is not positive and finite, and
+        none, over 2²⁸ or not from -1 to 100, for a resolution that is not from 0.1 mm to 1 km, and
         for a pose that is not three finite numbers.
         """
         given = np.asarray(cells)
@@ -51,8 +53,8 @@ class OccupancyGrid:
         if wrong.size:
             index = tuple(wrong[0].tolist())
             raise ValueError(f"cells{list(index)}: {given[index]} is not from -1 to 100")
-        if not 0 < resolution < np.inf:
-            raise ValueError(f"resolution: {resolution} m is not positive and finite")
+        if not FINEST <= resolution <= COARSEST:
+            raise ValueError(f"resolution: {resolution} m is not from {FINEST} to {COARSEST}")
         pose = np.array(T_world_grid, float)
         if pose.shape != (3,) or not np.isfinite(pose).all():
             raise ValueError(f"T_world_grid: {T_world_grid} is not three finite numbers")

@@ -46,7 +46,7 @@ def _candidates(
     """
     free = np.pad(grid.free, 1)  # beyond the grid, nothing is
     room = np.asarray(distance_transform_edt(free, sampling=grid.resolution))[1:-1, 1:-1]
-    size = max(round(spacing / grid.resolution), 1)
+    size = max(round(min(spacing / grid.resolution, max(grid.cells.shape))), 1)
     index = np.argwhere(room >= clearance)
     room = room[tuple(index.T)]
     square = (index // size) @ np.array([grid.cells.shape[1], 1])

@@ -11,5 +11,6 @@
 - trajectories in TUM's format, which `evo` reads: `aprjax.read_tum`, `aprjax.write_tum`
 
 What is read is not trusted: a file that cannot be used raises the error that its reader names, one
-line with the path, the place in the file and the reason. What is written is complete or not there.
+line with the path, the place in the file and the reason. So does a pipe or a device: files are read
+more than once. What is written is complete or not there.
 """

@@ -16,6 +16,7 @@ import numpy as np
 
 from aprjax.configuration import from_dict, to_dict
 from aprjax.features import FeatureConfig, describe
+from aprjax.io.files import MOST_BEAMS, most_unpacked, open_file
 from aprjax.scan import Scan
 
 SCAN_FIELDS = {
@@ -29,11 +30,9 @@ SCAN_FIELDS = {
 
 
 MOST_REFERENCES = 1 << 17
-MOST_BEAMS = 1 << 16
 _MOST_BYTES = 1 << 32  # of all arrays of a file, and of what is described of its scans
-_PACKED = 100  # times that a file's arrays may be longer than it is,
-_SMALL = 1 << 26  # where they are longer than this
 _CAPACITY = 4  # times its default that a capacity in a file may be
+_LARGEST = float(np.finfo(np.float32).max)  # as which thresholds are kept
 _LOADED_UNCHECKED = 1 << 14  # references that stay below _MOST_BYTES with any such capacities
 _FORMAT_BYTES = 1 << 10
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
@@ -50,7 +49,7 @@ class ArchiveError(ValueError):
 def read_archive(path: Path, kind: str) -> "Archive":
     """All arrays of a file that should be of this `kind`, such as "reference file"."""
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             head = file.read(2)
             if not head:
                 raise ArchiveError("the file is empty")
@@ -66,7 +65,7 @@ def archive_format(path: Path) -> str | None:
 
     Raises `OSError` if it cannot be read.
     """
-    with path.open("rb") as file:
+    with open_file(path) as file:
         # Damage shows as whatever zipfile, zlib or NumPy's parser of headers stumbles over.
         try:
             with zipfile.ZipFile(file) as archive:
@@ -82,7 +81,7 @@ def _arrays(file: IO[bytes]) -> dict[str, np.ndarray]:
         with zipfile.ZipFile(file) as archive:
             members = [each for each in archive.infolist() if each.filename.endswith(".npy")]
             claimed = sum(member.file_size for member in members)
-            if claimed > min(_MOST_BYTES, max(_SMALL, _PACKED * size)):
+            if claimed > min(_MOST_BYTES, most_unpacked(size)):
                 raise ArchiveError(f"claims to hold {claimed} bytes, too many for its {size}")
             return {
                 member.filename.removesuffix(".npy"): _array(archive, member) for member in members
@@ -194,6 +193,8 @@ def check_size(references: int, beams: int) -> None:
     """Raise unless a file may hold so many references of so many beams."""
     if references > MOST_REFERENCES:
         raise ArchiveError(f"{references} references are more than {MOST_REFERENCES}")
+    if beams < 1:
+        raise ArchiveError("ranges has no beams")
     if beams > MOST_BEAMS:
         raise ArchiveError(f"{beams} beams are more than {MOST_BEAMS}")
 
@@ -244,9 +245,14 @@ def _check_like(default: Any, value: Any, name: str) -> None:
             _check_like(default[key], inner, f"{name}.{key}")
     elif isinstance(default, float):
         plain = isinstance(value, int | float) and not isinstance(value, bool)
-        if not (plain and math.isfinite(value)):
+        if not (plain and abs(value) <= _LARGEST):
             raise ArchiveError(f"{name} is not a finite number")
-    elif not isinstance(value, int) or isinstance(value, bool) or value < 0:
-        raise ArchiveError(f"{name} is not a whole number from 0")
+    elif not isinstance(value, int) or isinstance(value, bool) or value < _least(name):
+        raise ArchiveError(f"{name} is not a whole number from {_least(name)}")
     elif value > _CAPACITY * default:
         raise ArchiveError(f"{name} is over {_CAPACITY * default}")
+
+
+def _least(name: str) -> int:
+    """What a capacity of this name is at least: an array has an entry, a tolerance may be none."""
+    return 0 if name.endswith("_tolerance") else 1

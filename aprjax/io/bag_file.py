@@ -1,5 +1,6 @@
 """The file or folder of a ROS bag: its topics, and its messages one by one."""
 
+import bz2
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -7,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from aprjax.io.files import check_file, most_unpacked, open_file
 from aprjax.io.log import LogError
 
 _MAGIC = {b"#ROSBAG V": ".bag", b"\x89MCAP": ".mcap", b"SQLite format 3": ".db3"}
@@ -32,7 +34,7 @@ class Topic:
 def is_bag(path: str | os.PathLike[str]) -> bool:
     """Whether a file begins as a bag does; every folder is taken for one."""
     path = Path(path)
-    return path.is_dir() or _suffix(path) is not None
+    return _is_folder(path) or _suffix(path) is not None
 
 
 def is_compressed(path: str | os.PathLike[str]) -> bool:
@@ -85,10 +87,11 @@ def messages_of(
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
     """The bag's reader."""
-    if path.is_dir() and not (path / "metadata.yaml").is_file():
-        within = [each.name for each, _ in _bags_within(path)]
-        found = f"; it holds {', '.join(within[:_LISTED])}: read one at a time" if within else ""
-        raise LogError(f"{path}: a folder without metadata.yaml, so not a bag of ROS 2{found}")
+    try:
+        for each in _files(path):
+            check_file(each)
+    except OSError as error:
+        raise LogError(f"{path}: {error.strerror or error}") from None
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
@@ -107,17 +110,65 @@ def opened(path: Path) -> Iterator[Any]:
     except Exception as error:
         raise LogError(f"{path}: not a readable bag: {_line(error)}{_advice(path)}") from None
     try:
+        _limit(path, reader)
         yield reader
     finally:
         reader.close()
 
 
+def _files(path: Path) -> list[Path]:
+    """The files of a bag. Raises `LogError` for a folder that is none, and `OSError`."""
+    if not path.is_dir():
+        return [path]
+    if not (path / "metadata.yaml").is_file():
+        within = [each.name for each, _ in _bags_within(path)]
+        found = f"; it holds {', '.join(within[:_LISTED])}: read one at a time" if within else ""
+        raise LogError(f"{path}: a folder without metadata.yaml, so not a bag of ROS 2{found}")
+    return [each for each in path.iterdir() if each.exists() and not each.is_dir()]
+
+
+def _limit(path: Path, reader: Any) -> None:
+    """Let no chunk of an open bag be unpacked to more than one of its size may hold.
+
+    LZ4 packs no more than 255 times, so that ROS 1's chunks need a limit only by bzip2.
+    """
+    for each in reader.readers:
+        for at, chunk in getattr(each, "chunks", {}).items():
+            if chunk.decompressor is bz2.decompress:
+                each.chunks[at] = chunk._replace(decompressor=_unpacked)
+        storage = getattr(each, "storage", None)
+        for file in getattr(storage, "storages", [storage]):
+            for chunk in getattr(file, "chunks", ()):  # of MCAP
+                size, claimed = chunk.compressed_size, chunk.uncompressed_size
+                if claimed > most_unpacked(size):
+                    raise LogError(
+                        f"{path}: a chunk claims to hold {claimed} bytes, too many for its {size}"
+                    )
+
+
+def _unpacked(data: bytes) -> bytes:
+    """What a chunk of bzip2's holds. Raises `ValueError`, before it takes more memory."""
+    stream, most = bz2.BZ2Decompressor(), most_unpacked(len(data))
+    unpacked = stream.decompress(data, max_length=most)
+    if not stream.eof:
+        raise ValueError(f"a chunk of {len(data)} bytes is cut off, or holds over {most}")
+    return unpacked
+
+
 def _advice(path: Path) -> str:
     """What to do with a bag that is damaged: mostly, its recording was cut off."""
     suffix = _suffix(path)
-    if suffix is None and path.is_dir():
+    if suffix is None and _is_folder(path):
         suffix = next((suffix for _, suffix in _bags_within(path)), None)
     return f" (if its recording was cut off, {_MENDED_BY[suffix]} mends it)" if suffix else ""
+
+
+def _is_folder(path: Path) -> bool:
+    """Whether a path is a folder's, as far as can be seen."""
+    try:
+        return path.is_dir()
+    except OSError:
+        return False
 
 
 def _bags_within(folder: Path) -> list[tuple[Path, str]]:
@@ -138,7 +189,7 @@ def _suffix(path: Path) -> str | None:
 def _head(path: Path) -> bytes:
     """How a file begins; nothing of what cannot be read."""
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             return file.read(16)
     except OSError:
         return b""

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from aprjax.io.files import most_unpacked, open_file
 from aprjax.io.log import LISTED, Log, LogEntry, LogError, LogReport
 from aprjax.io.messages import LASERS, OTHER_KINDS, Sweep, parse
 from aprjax.io.ranging import BINS, Ranging, in_millimetres
@@ -45,6 +46,7 @@ class CarmenLog(Log):
     def __iter__(self) -> Iterator[LogEntry]:
         use_odom = self.report.messages["ODOM"] > 0
         pose = first = last = None
+        found = 0
         for number, words in _lines(self.path):
             kind = words[0] if words else ""
             if kind not in LASERS and kind != "ODOM":
@@ -62,6 +64,7 @@ class CarmenLog(Log):
             first = last = None
             if kind in self._ranging and isinstance(message, Sweep):
                 pose = np.zeros(3) if pose is None else pose
+                found += 1
                 yield LogEntry(
                     scan=self._ranging[kind].scan(message),
                     odometry=pose.copy() if use_odom else message.robot_pose,
@@ -70,6 +73,10 @@ class CarmenLog(Log):
                     logged_pose=message.laser_pose,
                     line=number,
                 )
+        if found != self.report.scans:
+            raise LogError(
+                f"{self.path}: changed: {found} scans where the survey found {self.report.scans}"
+            )
 
 
 def read_carmen(
@@ -86,8 +93,10 @@ def read_carmen(
     one (n steps) if it is even. The other messages' angles are start + i * resolution; their
     field of view is not used, for it is often a step off.
 
-    Raises `LogError` for a file that cannot be read, is cut off or corrupt, or has no scan of the
-    lasers asked for, and `ValueError` for a laser that does not exist.
+    Raises `LogError` for a file that cannot be read (a pipe cannot: it is read twice), is cut off
+    or corrupt, has no scan of the lasers asked for, or whose gzip data unpack to over 64 MiB and
+    over 100 times its size; and `ValueError` for a laser that does not exist. A scan of over 2¹⁶
+    readings is damaged.
     """
     for name in lasers or ():
         if name not in LASERS:
@@ -157,15 +166,24 @@ def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
     """
     number = 0
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             packed = file.read(2) == b"\x1f\x8b"
+            size = os.fstat(file.fileno()).st_size
+        left = most_unpacked(size)  # never less than a plain file has
+        ended = True
         with gzip.open(path) if packed else path.open("rb") as stream:
-            while line := stream.readline(_LONGEST_LINE):
+            while piece := stream.readline(_LONGEST_LINE):
+                left -= len(piece)
+                if left < 0:
+                    raise LogError(
+                        f"{path}: unpacks to over {most_unpacked(size)} bytes, too many for its "
+                        f"{size}"
+                    )
+                begins, ended = ended, piece.endswith(b"\n")
+                if not begins:
+                    continue
                 number += 1
-                rest = line
-                while len(rest) == _LONGEST_LINE and not rest.endswith(b"\n"):
-                    rest = stream.readline(_LONGEST_LINE)
-                words = line.decode(errors="replace").split()
+                words = piece.decode(errors="replace").split()
                 yield number, [] if words and words[0].startswith("#") else words
     except EOFError:
         raise LogError(f"{path}: cut off: its gzip data ends after line {number}") from None

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aprjax.io.files import MOST_BEAMS
+
 LASERS = (
     *("ROBOTLASER1", "FLASER", "RAWLASER1"),
     *("ROBOTLASER2", "RLASER", "RAWLASER2"),
@@ -119,6 +121,8 @@ def _count(words: list[str], index: int, least: int = 1) -> int:
     word = words[index]
     if not (word.isdecimal() and len(word) < 10 and int(word) >= least):
         raise ValueError(f"{word[:20]!r} is not a count of readings")
+    if int(word) > MOST_BEAMS:
+        raise ValueError(f"{word} readings are more than {MOST_BEAMS}")
     return int(word)
 
 

@@ -15,7 +15,16 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 
 from aprjax.atomic import atomic_write
-from aprjax.grid.occupancy_grid import FREE, MOST_CELLS, OCCUPIED, UNKNOWN, OccupancyGrid
+from aprjax.grid.occupancy_grid import (
+    COARSEST,
+    FINEST,
+    FREE,
+    MOST_CELLS,
+    OCCUPIED,
+    UNKNOWN,
+    OccupancyGrid,
+)
+from aprjax.io.files import open_file
 
 Mode = Literal["trinary", "scale", "raw"]
 _MODES = ("trinary", "scale", "raw")
@@ -85,9 +94,9 @@ def read_occupancy_grid(path: str | os.PathLike[str]) -> OccupancyGrid:
     paints the unknown with, 205, would be free, and the whole image floor.
 
     Raises `OccupancyGridError` (a `ValueError`) naming the file, the field and its value for a
-    file that cannot be read, a key that is missing or makes no sense, and an image that is no PGM,
-    is cut off, has over 2²⁸ pixels, or a pixel above its maximum. Sizes are checked against
-    the file before anything is allocated.
+    file that cannot be read, a key that is missing or makes no sense, a resolution not from 0.1 mm
+    to 1 km, and an image that is no PGM, is cut off, has over 2²⁸ pixels, or a pixel above its
+    maximum. Sizes are checked against the file before anything is allocated.
     """
     path = Path(path)
     values = _read_yaml(path)
@@ -101,7 +110,7 @@ def read_occupancy_grid(path: str | os.PathLike[str]) -> OccupancyGrid:
             raise OccupancyGridError(f"{path}: {name}: {error}") from None
 
     image = field("image", _name)
-    resolution = field("resolution", _positive)
+    resolution = field("resolution", _width)
     origin = field("origin", _pose)
     occupied, free = field("occupied_thresh", _share), field("free_thresh", _share)
     if not free < occupied:
@@ -186,7 +195,7 @@ def _read_yaml(path: Path) -> dict[str, Any]:
     All that map_server's files use, and nothing that could refer to itself or grow.
     """
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             data = file.read(_YAML_BYTES + 1)
     except OSError as error:
         raise OccupancyGridError(f"{path}: {error.strerror or error}") from None
@@ -241,8 +250,12 @@ def _name(value: Any) -> str:
         text = json.loads(text)
     elif text[0] == text[-1] == "'" and len(text) > 1:
         text = text[1:-1].replace("''", "'")
-    if not text or "\0" in text:
-        raise ValueError(f"{text!r} is no file's name")
+    try:
+        name = os.fsencode(text)
+    except UnicodeEncodeError:
+        name = b""
+    if not name or b"\0" in name:
+        raise ValueError(f"{text[:40]!r} is no file's name")
     return text
 
 
@@ -263,10 +276,10 @@ def _number(value: Any) -> float:
     return number
 
 
-def _positive(value: Any) -> float:
+def _width(value: Any) -> float:
     number = _number(value)
-    if number <= 0:
-        raise ValueError(f"{number} is not positive")
+    if not FINEST <= number <= COARSEST:
+        raise ValueError(f"{number} m is not from {FINEST} to {COARSEST}")
     return number
 
 
@@ -308,7 +321,7 @@ def _only_saved(levels: np.ndarray, maximum: int) -> bool:
 def _read_pgm(path: Path) -> tuple[np.ndarray, int]:
     """Grey levels `(height, width)` of an image, the first row uppermost, and that of white."""
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             try:
                 return _parse_pgm(file)
             except ValueError as error:

@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 
 from aprjax.atomic import atomic_write
+from aprjax.io.files import open_file
 
 Format = Literal["g2o", "toro"]
 _LONGEST_LINE = 1 << 16  # bytes
@@ -170,7 +171,7 @@ def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
     """Line numbers and words of all lines that hold some and are no comment."""
     number = 0
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             while line := file.readline(_LONGEST_LINE):
                 number += 1
                 # Lines of scans may be long; of one that is longer still, the rest is left out.

@@ -17,13 +17,13 @@ from aprjax.io.archive import (
     SCAN_FIELDS,
     Archive,
     ArchiveError,
-    check_all,
     check_described,
     check_size,
     read_archive,
     read_features,
 )
-from aprjax.references import ReferenceSet
+from aprjax.io.files import open_file
+from aprjax.references import ReferenceSet, checked_poses
 
 FORMAT = "aprjax references"
 VERSION = 2
@@ -78,13 +78,17 @@ def load_references(path: str | os.PathLike[str]) -> ReferenceSet:
 
 
 def looks_like_references(path: str | os.PathLike[str]) -> bool:
-    """Whether a file starts as a NumPy archive does. Raises `OSError` if it cannot be read."""
-    with Path(path).open("rb") as file:
+    """Whether a file starts as a NumPy archive does.
+
+    Raises `OSError` if it cannot be read, and for a pipe or a device, which is read only once.
+    """
+    with open_file(Path(path)) as file:
         return file.read(2) == b"PK"
 
 
 def _poses(arrays: Archive, count: int) -> np.ndarray:
     """The references' poses, NaN where not known."""
-    poses = arrays.get("T_world_ref", (count, 3), np.float64)
-    check_all(~np.any(np.isinf(poses), axis=1), "T_world_ref[{}] is infinite")
-    return poses
+    try:
+        return checked_poses(arrays.get("T_world_ref", (count, 3), np.float64), count)
+    except ValueError as error:
+        raise ArchiveError(str(error)) from None

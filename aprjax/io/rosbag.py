@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from aprjax.io.bag_file import Topic, messages_of, opened, topics_of
+from aprjax.io.files import MOST_BEAMS
 from aprjax.io.log import LISTED, Log, LogEntry, LogError, LogReport
 from aprjax.io.ranging import BINS, in_millimetres, saturation_value
 from aprjax.io.transforms import TransformTree, planar, pose_matrix
@@ -53,7 +54,10 @@ def read_bag(
 
     Damaged messages are skipped and counted, unless `strict`. Raises `LogError`, one line, for
     the missing extra, a bag that cannot be read, a topic that is not there, is of another type or
-    has to be chosen, no intact scan, and a laser that is tilted.
+    has to be chosen, no intact scan, and a laser that is tilted. A scan of over 2¹⁶ readings is
+    damaged, and a chunk refused that holds (in MCAP: claims to hold) over 64 MiB and over 100
+    times its packed size. Of what zstd packed in a bag of ROS 2, `rosbags` finds a false claim,
+    or none, only when it is unpacked: such a bag made to do harm can take any memory.
     """
     path = Path(path)
     with opened(path) as reader:
@@ -288,6 +292,8 @@ def _mount(path: Path, transforms: TransformTree, frame: str, robot: str) -> _Mo
 def _reading(message: Any, time: int) -> _Reading:
     """The message of a scan as it is. Raises `ValueError` for echoes that are none."""
     ranges = message.ranges
+    if len(ranges) > MOST_BEAMS:
+        raise ValueError(f"{len(ranges)} readings are more than {MOST_BEAMS}")
     if isinstance(ranges, list):
         ranges = [echo.echoes[0] if len(echo.echoes) else math.nan for echo in ranges]
     stamp = _stamp(message.header, time)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from aprjax.atomic import atomic_write
+from aprjax.io.files import open_file
 
 _FIELDS = 8
 _UNIT = 0.01  # how far from 1 the length of a quaternion may be
@@ -49,7 +50,8 @@ def read_tum(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
     """
     path = Path(path)
     try:
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+        with open_file(path) as file:
+            lines = file.read().decode(errors="replace").splitlines()
     except OSError as error:
         raise TrajectoryError(f"{path}: {error.strerror or error}") from None
     rows = []

@@ -14,7 +14,17 @@ import numpy as np
 from aprjax.features import FeatureConfig
 from aprjax.references import ReferenceSet
 from aprjax.scan import Scan
-from aprjax.world.parts import Appearance, Arc, ArcEnd, Place, WorldModelError, check_arc
+from aprjax.world.parts import (
+    MOST_ID,
+    Appearance,
+    Arc,
+    ArcEnd,
+    Place,
+    WorldModelError,
+    check_arc,
+    check_pose,
+    check_scan,
+)
 from aprjax.world.plane import compose, compose_covariance, relative, wrap
 
 
@@ -115,6 +125,9 @@ class WorldModel:
             raise WorldModelError(f"node {node}: there is one already")
         if node < 0:
             raise WorldModelError(f"node {node}: ids are not negative")
+        if node > MOST_ID:
+            raise WorldModelError(f"node {node}: ids are at most {MOST_ID}")
+        check_scan(f"node {node}", scan)
         self.graph.add_node(node, scan=scan)
         return node
 
@@ -139,7 +152,7 @@ class WorldModel:
 
     def place_scan(self, scan: int, place: Place) -> None:
         """Say where a scan of the log was taken."""
-        self._check_place(f"scan {scan}", place)
+        self._check_place(f"scan {scan}", place, scan)
         self.places[scan] = place
 
     def add_references(self, scans: Iterable[Scan], appearances: Iterable[Appearance]) -> list[int]:
@@ -162,7 +175,8 @@ class WorldModel:
     ) -> None:
         """References under ids that they had before, as a file holds them."""
         for reference, appearance in zip(ids, appearances, strict=True):
-            self._check_place(f"reference {reference}", appearance.place)
+            self._check_place(f"reference {reference}", appearance.place, appearance.scan)
+        _check_next(next_reference)
         self._scans.update(zip(ids, scans, strict=True))
         self.appearances.update(zip(ids, appearances, strict=True))
         self.next_reference = next_reference
@@ -182,7 +196,7 @@ class WorldModel:
         number = max(self.images, default=-1) + 1
         if appearance.image_class is None:
             raise WorldModelError(f"image {number}: it has no class")
-        self._check_place(f"image {number}", appearance.place)
+        self._check_place(f"image {number}", appearance.place, appearance.scan)
         self.images[number] = appearance
         return number
 
@@ -275,13 +289,16 @@ class WorldModel:
             raise WorldModelError("references: scans and appearances have different ids")
         if self.appearances and max(self.appearances) >= self.next_reference:
             raise WorldModelError(f"references: the next id {self.next_reference} is taken")
+        _check_next(self.next_reference)
+        for node in self.graph:
+            check_scan(f"node {node}", self.graph.nodes[node]["scan"])
         named = [
-            *((f"reference {i}", seen.place) for i, seen in self.appearances.items()),
-            *((f"image {i}", seen.place) for i, seen in self.images.items()),
-            *((f"scan {i}", place) for i, place in self.places.items()),
+            *((f"reference {i}", seen.place, seen.scan) for i, seen in self.appearances.items()),
+            *((f"image {i}", seen.place, seen.scan) for i, seen in self.images.items()),
+            *((f"scan {i}", place, i) for i, place in self.places.items()),
         ]
-        for name, place in named:
-            self._check_place(name, place)
+        for name, place, scan in named:
+            self._check_place(name, place, scan)
 
     def _move(self, change) -> None:
         """Put everything that has a place where `change` says."""
@@ -296,8 +313,12 @@ class WorldModel:
             if node not in self.graph:
                 raise WorldModelError(f"{name}: there is no node {node}")
 
-    def _check_place(self, name: str, place: Place) -> None:
+    def _check_place(self, name: str, place: Place, scan: int | None) -> None:
         self._check_nodes(name, place.node)
-        T = np.asarray(place.T_node_laser)
-        if T.shape != (3,) or not np.all(np.isfinite(T)):
-            raise WorldModelError(f"{name}: {T} is no pose of three finite numbers")
+        check_pose(name, place.T_node_laser)
+        check_scan(name, scan)
+
+
+def _check_next(reference: int) -> None:
+    if not 0 <= reference <= MOST_ID:
+        raise WorldModelError(f"references: the next id {reference} is not from 0 to {MOST_ID}")

@@ -10,6 +10,13 @@ KINDS = ("driven", "closed")
 """How an arc was found: the robot drove along it, or recognized one end when it came there."""
 
 
+MOST_ID = 2**31 - 1
+"""Of nodes and references: arrays hold ids as int32."""
+FARTHEST = 1e7
+"""Of a pose's metres and radians, and squared of its covariance: more is a mistake, or meant to do
+harm."""
+
+
 class WorldModelError(ValueError):
     """An edit that would leave a world model inconsistent. One line: which part, and why."""
 
@@ -78,12 +85,28 @@ def check_arc(arc: Arc) -> None:
         raise WorldModelError(f"{name}: it starts where it ends")
     if arc.kind not in KINDS:
         raise WorldModelError(f"{name}: {arc.kind!r} is none of {', '.join(KINDS)}")
-    T, covariance = np.asarray(arc.T_a_b), np.asarray(arc.covariance)
-    if T.shape != (3,) or not np.all(np.isfinite(T)):
-        raise WorldModelError(f"{name}: {T} is no pose of three finite numbers")
+    check_pose(name, arc.T_a_b)
+    covariance = np.asarray(arc.covariance)
     if covariance.shape != (3, 3) or not np.all(np.isfinite(covariance)):
         raise WorldModelError(f"{name}: its covariance is not (3, 3) and finite")
+    if np.any(np.abs(covariance) > FARTHEST**2):
+        raise WorldModelError(f"{name}: its covariance has entries over {FARTHEST**2:g}")
     if not np.allclose(covariance, covariance.T, rtol=1e-6, atol=1e-12):
         raise WorldModelError(f"{name}: its covariance is not symmetric")
     if np.linalg.eigvalsh(covariance)[0] < -1e-9:
         raise WorldModelError(f"{name}: its covariance has a negative eigenvalue")
+
+
+def check_pose(name: str, T: np.ndarray) -> None:
+    """Raise `WorldModelError` with a part's name unless `T` can be a pose of it."""
+    T = np.asarray(T)
+    if T.shape != (3,) or not np.all(np.isfinite(T)):
+        raise WorldModelError(f"{name}: {T} is no pose of three finite numbers")
+    if np.any(np.abs(T) > FARTHEST):
+        raise WorldModelError(f"{name}: {T} has numbers over {FARTHEST:g}")
+
+
+def check_scan(name: str, scan: int | None) -> None:
+    """Raise `WorldModelError` with a part's name unless a log may number a scan so, or is none."""
+    if scan is not None and scan < 0:
+        raise WorldModelError(f"{name}: there is no scan {scan}")

@@ -39,7 +39,9 @@ def relax(world: WorldModel, root: int | None = None) -> dict[int, np.ndarray]:
     for index, arc in enumerate(arcs):
         ends[index] = row[arc.a], row[arc.b]
         measured[index] = arc.T_a_b
-        covariance = arc.covariance + 1e-8 * np.eye(3)
+        # Not so much narrower one way than another that its inverse is none in float64.
+        least = max(1e-8, 1e-10 * np.trace(arc.covariance))
+        covariance = arc.covariance + least * np.eye(3)
         root_information[index] = np.linalg.cholesky(np.linalg.inv(covariance)).T
     start = np.zeros((bucket(len(nodes)), 3), np.float32)
     start[: len(nodes)] = np.array([frame[node] for node in nodes])

@@ -122,7 +122,7 @@ def _unpacked(arrays: Archive) -> WorldModel:
             raise ArchiveError(f"arc {a}-{b}: its kind {kind} does not exist")
         world.add_arc(Arc(a, b, T, covariance, KINDS[kind]))
 
-    numbers = arrays.get("place_scans", (None,), np.int64)
+    numbers = _ascending(arrays, "place_scans")
     for number, place in zip(
         numbers.tolist(), _read_places(arrays, "place", len(numbers)), strict=True
     ):
@@ -137,16 +137,28 @@ def _unpacked(arrays: Archive) -> WorldModel:
 
 
 def _read_references(arrays: Archive, world: WorldModel) -> None:
-    count = len(arrays.get("reference_ids", (None,), np.int64))
+    count = len(_ascending(arrays, "reference_ids"))
     ids, appearances = _read_appearances(arrays, "reference", count)
     scans = arrays.scans(count)
     check_described(scans, world.features)
     fields = {name: np.asarray(getattr(scans, name)) for name in ("ranges", *SCAN_FIELDS)}
     each = [Scan(**{name: array[row] for name, array in fields.items()}) for row in range(count)]  # pyright: ignore[reportArgumentType]
     next_id = int(arrays.get("next_id", (), np.int64))
-    if count and (ids[0] < 0 or np.any(np.diff(ids) <= 0) or ids[-1] >= next_id):
-        raise ArchiveError("reference_ids: they do not ascend from 0 to below next_id")
+    if count and ids[-1] >= next_id:
+        raise ArchiveError(f"next_id: {next_id} does not follow {ids[-1]}")
     world.restore_references(ids.tolist(), each, appearances, next_id)
+
+
+def _ascending(arrays: Archive, name: str) -> np.ndarray:
+    """Numbers `(any,)` of which each is larger than the one before it, the first from 0."""
+    numbers = arrays.get(name, (None,), np.int64)
+    if numbers.size and numbers[0] < 0:
+        raise ArchiveError(f"{name}[0]: {numbers[0]} is negative")
+    wrong = np.flatnonzero(numbers[1:] <= numbers[:-1]) + 1
+    if wrong.size:
+        at = wrong[0]
+        raise ArchiveError(f"{name}[{at}]: {numbers[at]} does not follow {numbers[at - 1]}")
+    return numbers
 
 
 def _read_appearances(

@@ -1,5 +1,6 @@
 """What is fuzzed: for each kind of file, its reader, files to start from, and what must hold."""
 
+import functools
 import warnings
 import zipfile
 from collections.abc import Callable, Iterator
@@ -7,8 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from unittest import mock
 
+import jax
 import numpy as np
 
+from aprjax.features import describe
 from aprjax.io.archive import check_described
 from aprjax.io.log import Log, LogError
 from aprjax.io.logs import read_log
@@ -209,6 +212,19 @@ def _restored(scans: Scan, ids: np.ndarray, next_id: int, config, T_world_ref) -
     assert next_id > ids[-1]
     assert T_world_ref is None or not np.isinf(T_world_ref).any()
     check_described(scans, config)
+    _trace(np.shape(scans.ranges)[1], jax.tree.structure(config))
+
+
+@functools.cache
+def _trace(slots: int, structure) -> None:
+    """What describes a scan, for so many slots and a configuration's capacities; nothing runs.
+
+    Thresholds have no part in it. Once for each, since it takes a second.
+    """
+    config = jax.tree.unflatten(structure, [np.float32(1)] * structure.num_leaves)
+    number, count = (jax.ShapeDtypeStruct((), kind) for kind in (np.float32, np.int32))
+    ranges = jax.ShapeDtypeStruct((slots,), np.float32)
+    jax.eval_shape(describe, Scan(ranges, number, number, number, number, count), config)
 
 
 def _reference_seeds(folder: Path) -> Iterator[bytes]:

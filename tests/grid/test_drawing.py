@@ -101,6 +101,9 @@ ONE = Scan.stack([Scan.make([1.0, 1.0], angle_min=0.0, angle_increment=0.1, rang
         (ONE, np.zeros((2, 3)), {}, "T_world_laser: shape"),
         (ONE, np.array([[0, 0, np.inf]]), {}, r"T_world_laser\[0, 2\]: inf"),
         (ONE, np.zeros((1, 3)), {"resolution": 0.0}, "resolution: 0.0 m"),
+        (ONE, np.zeros((1, 3)), {"resolution": 1e-9}, "resolution: 1e-09 m is not from 0.0001"),
+        (ONE, np.zeros((1, 3)), {"resolution": 1e-4}, "resolution: .* is 300003 x 300003 cells"),
+        (ONE, np.zeros((1, 3)), {"reach": 1e9}, "resolution: at 0.05 m, a reach of 1000000000.0"),
         (ONE, np.zeros((1, 3)), {"reach": 0.01}, "reach: 0.01 m"),
         (ONE, np.zeros((1, 3)), {"reach": 0.5}, "scans: there is no hit within 0.5 m"),
         (
@@ -114,6 +117,12 @@ ONE = Scan.stack([Scan.make([1.0, 1.0], angle_min=0.0, angle_increment=0.1, rang
             np.array([[0, 0, 0], [1e6, 1e6, 0]]),
             {},
             "T_world_laser: the poses span",
+        ),
+        (
+            Scan.stack([Scan.make([1.0], angle_min=0.0, angle_increment=0.1, range_max=5.0)] * 2),
+            np.array([[0, 0, 0], [1e6, 0, 0]]),
+            {},
+            "T_world_laser: the poses span 2 x 20000022 cells",
         ),
     ],
 )

@@ -62,6 +62,10 @@ def test_a_corridor_narrower_than_the_spacing_has_places_too():
     assert len(xy) >= 2
 
 
+def test_a_spacing_larger_than_the_grid_leaves_one_candidate():
+    assert len(viewpoints(rooms(), spacing=1e300)) == 1
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

@@ -107,12 +107,15 @@ class Bag:
         kind = "tf2_msgs/msg/TFMessage"
         return self.add("/tf_static" if static else "/tf", kind, stamp, self.type(kind)([stamped]))
 
-    def write(self, folder: Path, name: str = "drive") -> Path:
+    def write(self, folder: Path, name: str = "drive", *, bzip2: bool = False) -> Path:
+        """The bag's path; `bzip2` packs the chunks of ROS 1."""
         path = folder / f"{name}{_SUFFIX[self.storage]}"
         plugin = StoragePlugin.MCAP if self.storage == "mcap" else StoragePlugin.SQLITE3
         writer: Any = (
             Writer1(path) if self.ros1 else Writer2(path, version=8, storage_plugin=plugin)
         )
+        if bzip2:
+            writer.set_compression(Writer1.CompressionFormat.BZ2)
         with writer:
             connections = {}
             for topic, kind, stamp, message in sorted(self.messages, key=lambda each: each[2]):

@@ -6,13 +6,15 @@ import struct
 import tracemalloc
 import zipfile
 
+import jax
 import numpy as np
 import pytest
 
 from aprjax.configuration import to_dict
-from aprjax.features import FeatureConfig
-from aprjax.io.archive import MOST_BEAMS, MOST_REFERENCES
+from aprjax.features import FeatureConfig, describe
+from aprjax.io.archive import MOST_BEAMS, MOST_REFERENCES, read_features
 from aprjax.io.reference_file import FORMAT, ReferenceFileError, load_references
+from aprjax.scan import Scan
 from aprjax.world.store import MapFileError, load_map, looks_like_map
 
 LITTLE = 8 << 20  # bytes of memory that a refusal may take
@@ -135,3 +137,23 @@ def test_objects_and_unusual_packing_are_refused(tmp_path):
 def test_what_would_take_too_much_memory_when_described_is_refused(tmp_path, arrays, message):
     path = packed(tmp_path / "large", arrays, zipfile.ZIP_STORED)
     assert refused(path, at_most=64 << 20).startswith(message)
+
+
+def least(values: dict) -> dict:
+    """The description of which every capacity is the least that a file may state."""
+    smallest = {"anchors": 2, "length_tolerance": 0, "part_tolerance": 0}
+    return {
+        name: least(value)
+        if isinstance(value, dict)
+        else smallest.get(name, 1)
+        if isinstance(value, int)
+        else value
+        for name, value in values.items()
+    }
+
+
+def test_scans_can_be_described_with_the_least_capacities_and_of_one_beam():
+    config = read_features(json.dumps(least(to_dict(FeatureConfig()))))
+    scan = Scan.make([1.0], angle_min=0.0, angle_increment=0.1, range_max=9.0)
+    described = jax.eval_shape(describe, scan, config)
+    assert described.anchors.valid.shape == (2,)

@@ -4,6 +4,7 @@ import math
 import numpy as np
 import pytest
 
+from aprjax.io.files import MOST_BEAMS
 from aprjax.io.log import LogError
 from aprjax.io.logs import read_log
 from aprjax.io.messages import LASERS
@@ -305,6 +306,26 @@ def test_damaged_gzip_data_is_refused_by_the_first_pass(write, damage, reason, s
     with pytest.raises(LogError, match=reason) as error:
         read_log(path, strict=strict)
     assert "\n" not in str(error.value)
+
+
+def test_gzip_data_that_unpack_to_far_more_than_their_size_are_refused(write):
+    path = write(data=gzip.compress(b"#" + bytes(65 << 20)))
+    with pytest.raises(LogError, match=f"unpacks to over {1 << 26} bytes, too many for its "):
+        read_log(path)
+
+
+def test_a_scan_of_more_readings_than_any_scanner_has_is_damaged(write):
+    path = write(old(), old([1] * (MOST_BEAMS + 1)), raw([1] * (MOST_BEAMS + 1)), old())
+    report = read_log(path, lasers=["FLASER"]).report
+    assert (report.scans, report.damaged_lines) == (2, 2)
+    assert report.damaged[0] == (2, f"{MOST_BEAMS + 1} readings are more than {MOST_BEAMS}")
+
+
+def test_a_file_that_changes_is_a_log_error_of_the_iteration(write):
+    log = read_log(write(old(), old()))
+    write(old())
+    with pytest.raises(LogError, match=r"run\.log: changed: 1 scans where the survey found 2"):
+        list(log)
 
 
 def test_a_file_that_goes_away_is_a_log_error_of_the_iteration(write):

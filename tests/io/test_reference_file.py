@@ -159,6 +159,10 @@ def _feature(**changes: Any) -> np.ndarray:
     return np.array(json.dumps(to_dict(FeatureConfig()) | changes))
 
 
+def _edge(**changes: int) -> dict[str, Any]:
+    return {"virtual_edge": changes}
+
+
 IDS = np.arange(REFERENCES, dtype=np.int32)
 ONES = np.ones(REFERENCES, np.float32)
 
@@ -182,7 +186,8 @@ DEFECTS: list[tuple[dict[str, Any], str]] = [
     ({"next_id": np.int64(2**40)}, "next_id: 1099511627776 does not follow 8"),
     ({"T_world_ref": None}, "T_world_ref is missing"),
     ({"T_world_ref": np.zeros((8, 2))}, r"T_world_ref has shape \(8, 2\)"),
-    ({"T_world_ref": np.full((8, 3), np.inf)}, r"T_world_ref\[0\] is infinite"),
+    ({"T_world_ref": np.full((8, 3), np.inf)}, r"T_world_ref\[0\]: .* is not finite"),
+    ({"T_world_ref": np.full((8, 3), 1e300)}, r"T_world_ref\[0\]: .* is not within"),
     ({"ranges": np.zeros((8, 192))}, "ranges is float64, not float32"),
     ({"ranges": np.zeros(8, np.float32)}, r"ranges has shape \(8,\), not \(8, any\)"),
     ({"angle_min": ONES[:-2]}, r"angle_min has shape \(6,\), not \(8\)"),
@@ -200,8 +205,14 @@ DEFECTS: list[tuple[dict[str, Any], str]] = [
     ({"features": _feature(sonar={})}, "features has an unknown field 'sonar'"),
     ({"features": _feature(extraction={"legs": 4})}, "features.extraction has an unknown field"),
     ({"features": _feature(extraction=5)}, "features.extraction is not a group of fields"),
-    ({"features": _feature(extraction={"anchors": 1.5})}, "anchors is not a whole number from 0"),
-    ({"features": _feature(extraction={"anchors": -1})}, "anchors is not a whole number from 0"),
+    ({"features": _feature(extraction={"anchors": 1.5})}, "anchors is not a whole number from 1"),
+    ({"features": _feature(extraction={"anchors": -1})}, "anchors is not a whole number from 1"),
+    ({"features": _feature(extraction=_edge(direction_bins=0))}, "bins is not a whole number from"),
+    ({"features": _feature(extraction=_edge(offset_bins=0))}, "offset_bins is not a whole number"),
+    ({"features": _feature(relation={"length_tolerance": -1})}, "is not a whole number from 0"),
+    ({"features": _feature(extraction={"apart": 10**400})}, "apart is not a finite number"),
+    ({"features": _feature(extraction={"apart": -1e39})}, "apart is not a finite number"),
+    ({"ranges": np.zeros((8, 0), np.float32), "beams": 0 * IDS}, "ranges has no beams"),
     ({"features": _feature(extraction={"apart": "x"})}, "apart is not a finite number"),
     ({"features": _feature(extraction={"apart": float("nan")})}, "apart is not a finite number"),
 ]

@@ -1,11 +1,15 @@
+import os
 import shutil
 import sys
+import tracemalloc
 
 import numpy as np
 import pytest
 
 import aprjax
+from aprjax.io import bag_file
 from aprjax.io.bag_file import bag_topics, is_bag
+from aprjax.io.files import MOST_BEAMS
 from aprjax.io.log import LogError
 from tests.io.bags import STORAGES, Bag
 
@@ -231,6 +235,51 @@ def test_damaged_bags_are_refused_in_one_line(bag, tmp_path):
         except LogError as error:
             assert str(error).startswith(f"{path}: ")
             assert "\n" not in str(error)
+
+
+def test_chunks_packed_by_bzip2_are_read(tmp_path):
+    path = drive(Bag("ros1")).write(tmp_path, bzip2=True)
+    assert len(list(aprjax.read_log(path))) == 3
+    data = path.read_bytes()
+    at = data.index(b"BZh") + 100
+    path.write_bytes(data[:at] + bytes(20) + data[at + 20 :])
+    with pytest.raises(LogError, match="cut off or damaged after 0 messages"):
+        aprjax.read_log(path)
+
+
+def test_a_chunk_of_ros_1_is_unpacked_only_so_far(tmp_path):
+    bag = drive(Bag("ros1")).add("/scan", LASER, 20.0, bytes(66 << 20))
+    path = bag.write(tmp_path, bzip2=True)
+    assert path.stat().st_size < 1 << 20
+    tracemalloc.start()
+    with pytest.raises(LogError, match=r"a chunk of \d+ bytes is cut off, or holds over 67108864"):
+        aprjax.read_log(path)
+    assert tracemalloc.get_traced_memory()[1] < 3 << 26
+    tracemalloc.stop()
+
+
+def test_a_chunk_of_mcap_that_claims_too_much_is_refused(mcap, tmp_path, monkeypatch):
+    path = drive(mcap).write(tmp_path)
+    monkeypatch.setattr(bag_file, "most_unpacked", lambda size: size - 1)
+    for read in (path, next(path.glob("*.mcap"))):
+        with pytest.raises(LogError, match=r"a chunk claims to hold \d+ bytes, too many for its"):
+            aprjax.read_log(read)
+
+
+def test_a_scan_of_more_readings_than_any_scanner_has_is_damaged(mcap, tmp_path):
+    path = mcap.scan(np.ones(MOST_BEAMS + 1), angle_increment=1e-6).scan(RANGES).write(tmp_path)
+    report = aprjax.read_log(path).report
+    assert (report.scans, report.damaged_lines) == (1, 1)
+    assert "65537 readings are more than 65536" in report.damaged[0][1]
+
+
+def test_a_pipe_in_a_folder_is_not_waited_for(mcap, tmp_path):
+    path = drive(mcap).write(tmp_path)
+    (file,) = path.glob("*.mcap")
+    file.unlink()
+    os.mkfifo(file)
+    with pytest.raises(LogError, match="drive: a pipe or device is not read"):
+        aprjax.read_log(path)
 
 
 def test_what_is_no_bag_is_refused(bag, tmp_path):
