@@ -14,8 +14,8 @@ from jaxtyping import Array, Float, Int
 from aprjax.matcher import MatchConfig, MatchResult, match_together
 from aprjax.numerics import bucket, single_precision
 from aprjax.programs import Program
-from aprjax.references import ReferenceIndex, ReferenceSet
-from aprjax.scan import Scan
+from aprjax.references import ReferenceIndex, ReferenceSet, checked_ids
+from aprjax.scan import Scan, as_stack
 
 
 def match(
@@ -29,7 +29,8 @@ def match(
 
     `match_batch` without the leading axis.
     """
-    result = match_batch([scan], references, config, exclude=np.asarray([exclude], np.int32))
+    ids = checked_ids("exclude", exclude)
+    result = match_batch([scan], references, config, exclude=ids[None])
     return jax.tree.map(lambda array: array[0], result)
 
 
@@ -47,10 +48,11 @@ def match_batch(
     and lies on the host. `exclude` `(queries, any)` are ids of references that must not answer a
     query, as the scans taken just before it in a search for closed loops; -1 stands for none. The
     call compiles once for each bucket of beams, of references and of queries (see
-    `numerics.bucket`), whatever the thresholds. Raises `ValueError` for an empty list and for no
-    references; a scan in which nothing can be found is no error but a status.
+    `numerics.bucket`), whatever the thresholds. Raises `ValueError` for an empty list, for no
+    references, and naming what is no scan, no id or no `MatchConfig`; a scan in which nothing can
+    be found is no error but a status.
     """
-    config = _defaults() if config is None else config
+    config = checked_config(config)
     if len(references) == 0:
         raise ValueError("references: the set is empty")
     batch, excluded = checked_queries(scans, exclude)
@@ -101,18 +103,23 @@ def checked_queries(
     scans: Sequence[Scan] | Scan, exclude: np.ndarray | None
 ) -> tuple[Scan, np.ndarray]:
     """Stacked scans `(queries, slots)` and the ids they exclude `(queries, bucket)`, else -1."""
-    batch = scans if isinstance(scans, Scan) else Scan.stack(scans)
-    if batch.ranges.ndim != 2 or batch.ranges.shape[0] == 0:
-        raise ValueError(f"scans: ranges of shape {batch.ranges.shape} are not (queries, beams)")
+    batch = as_stack(scans, "queries")
     queries = batch.ranges.shape[0]
-    ids = np.full((queries, 0), -1) if exclude is None else np.asarray(exclude)
+    ids = np.empty((queries, 0), np.int32) if exclude is None else checked_ids("exclude", exclude)
     if ids.ndim != 2 or len(ids) != queries:
         raise ValueError(f"exclude: shape {ids.shape} is not ({queries}, any)")
-    if ids.size and not np.issubdtype(ids.dtype, np.integer):
-        raise ValueError(f"exclude: {ids.dtype} is no type of ids")
     excluded = np.full((queries, bucket(ids.shape[1])), -1, np.int32)
     excluded[:, : ids.shape[1]] = ids
     return batch, excluded
+
+
+def checked_config(config: MatchConfig | None) -> MatchConfig:
+    """The configuration or the defaults; raises `ValueError` for one of another kind."""
+    if config is None:
+        return _defaults()
+    if not isinstance(config, MatchConfig):
+        raise ValueError(f"config: {type(config).__name__} is no MatchConfig")
+    return config
 
 
 @cache

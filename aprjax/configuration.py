@@ -5,33 +5,106 @@ retraces and a sweep is a `vmap`; capacities set array sizes and are static.
 """
 
 import dataclasses
+import operator
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 _Config = TypeVar("_Config", bound=eqx.Module)
 
 
-def threshold(default: float, doc: str) -> Any:
-    """A field that is a float32 array leaf.
+def threshold(default: float, doc: str, *, least: float = 0.0, most: float = np.inf) -> Any:
+    """A field that is a float32 array leaf, finite and from `least` to `most`.
 
-    NumPy holds the value, so that building a configuration touches no device.
+    NumPy holds the value, so that building a configuration touches no device. The constructor
+    raises `ValueError` naming the field, the index and the value of one out of its range; JAX's
+    arrays, and leaves that JAX puts into a configuration, are not looked at.
     """
 
     def convert(value: Any) -> Any:
         # A weakly typed array would trace anew, so JAX's arrays are pinned too.
         if isinstance(value, jax.Array):
             return jax.lax.convert_element_type(value, np.float32)
-        return np.asarray(value, np.float32)
+        given = real_numbers(value)
+        if given is None:
+            raise ValueError(f"{field.name}: {shown(value)} is not a number")
+        with np.errstate(over="ignore"):
+            array = given.astype(np.float32, copy=False)
+        right = np.isfinite(array) & (array >= least) & (array <= most)
+        if not right.all():
+            first = tuple(np.argwhere(~right)[0])
+            at = ", ".join(map(str, first))
+            which = f"[{at}]: {array[first]}" if at else f": {shown(value)}"
+            raise ValueError(f"{field.name}{which} is not {_range(least, most)}")
+        return array
 
-    return eqx.field(default=default, converter=convert, metadata={"doc": doc})
+    field = _field(default, convert, doc)
+    return field
 
 
-def capacity(default: int | None, doc: str) -> Any:
-    """A field that sets an array size: static, so a new value compiles anew."""
-    return eqx.field(default=default, static=True, metadata={"doc": doc})
+def capacity(default: int | None, doc: str, *, least: int = 1) -> Any:
+    """A field that sets an array size: static, so a new value compiles anew.
+
+    A whole number from `least`, None where the default is, or a choice where the default is True
+    or False; the constructor raises `ValueError` naming the field for anything else.
+    """
+
+    def convert(value: Any) -> int | None:
+        if isinstance(default, bool):
+            if not isinstance(value, bool | np.bool_):
+                raise ValueError(f"{field.name}: {shown(value)} is not True or False")
+            return bool(value)
+        if value is None and default is None:
+            return None
+        try:
+            if value is None or isinstance(value, bool):  # True is a whole number to Python
+                raise TypeError
+            number = operator.index(value)
+        except TypeError:
+            number = least - 1
+        if number < least:
+            raise ValueError(f"{field.name}: {shown(value)} is not a whole number from {least}")
+        return number
+
+    field = _field(default, convert, doc, static=True)
+    return field
+
+
+def _field(default: Any, convert: Callable[[Any], Any], doc: str, static: bool = False) -> Any:
+    """A field whose `name` is known to `convert` by the time it is called."""
+    return eqx.field(default=default, converter=convert, static=static, metadata={"doc": doc})
+
+
+def _range(least: float, most: float) -> str:
+    if most < np.inf:
+        return f"a number from {least:g} to {most:g}"
+    return f"a finite number from {least:g}" if least > -np.inf else "a finite number"
+
+
+def real_numbers(values: Any) -> np.ndarray | None:
+    """Whole or floating-point numbers as an array of what they are; None for anything else."""
+    try:
+        given = np.asarray(values)
+    except ValueError:  # lists of several lengths
+        return None
+    kind = given.dtype
+    # JAX knows more types, such as bfloat16, but takes long to say so.
+    real = (
+        kind.kind in "iuf"
+        or jnp.issubdtype(kind, jnp.integer)
+        or jnp.issubdtype(kind, jnp.floating)
+    )
+    return given if real else None
+
+
+def shown(value: Any) -> str:
+    """A value in one short line, for messages."""
+    text = str(value) if isinstance(value, int | float | np.generic) else repr(value)
+    return " ".join(text.split())[:40]
 
 
 def to_dict(config: eqx.Module) -> dict[str, Any]:
@@ -49,8 +122,7 @@ def from_dict(kind: type[_Config], values: dict[str, Any]) -> _Config:
     """The configuration of type `kind` that `to_dict` made `values` from.
 
     Fields that `values` lacks keep their defaults. Raises `ValueError` naming a field that
-    `kind` does not have, and one whose value is none of its type: numbers, but no NaN, for
-    thresholds, whole ones for capacities.
+    `kind` does not have, and as the constructor of `kind` for one whose value is not in its range.
     """
     fields = {f.name: f for f in dataclasses.fields(kind)}
     for name in values:
@@ -59,29 +131,10 @@ def from_dict(kind: type[_Config], values: dict[str, Any]) -> _Config:
 
     def read(name: str, value: Any) -> Any:
         default: Any = fields[name].default
-        if not _fits(value, default, fields[name].metadata.get("static", False)):
-            shown = to_dict(default) if isinstance(default, eqx.Module) else default
-            raise ValueError(
-                f"{kind.__name__}.{name}: {repr(value)[:40]} does not fit its default {shown}"
-            )
-        return from_dict(type(default), value) if isinstance(value, dict) else value
+        if not isinstance(default, eqx.Module):
+            return value
+        if not isinstance(value, dict):
+            raise ValueError(f"{name}: {shown(value)} is not a group of fields")
+        return from_dict(type(default), value)
 
     return kind(**{name: read(name, value) for name, value in values.items()})
-
-
-def _fits(value: Any, default: Any, static: bool) -> bool:
-    """Whether a plain value may stand where the default of a capacity or threshold does."""
-    if isinstance(default, eqx.Module):
-        return isinstance(value, dict)
-    if isinstance(default, bool):
-        return isinstance(value, bool)
-    if static:
-        whole = isinstance(value, int) and not isinstance(value, bool)
-        return whole or (value is None and default is None)
-    if isinstance(value, bool) or not isinstance(value, int | float | list):
-        return False
-    try:
-        with np.errstate(over="raise"):
-            return not np.isnan(np.asarray(value, np.float32)).any()
-    except (TypeError, ValueError, OverflowError, FloatingPointError):
-        return False

@@ -30,23 +30,39 @@ own result; in a batch it leaves its neighbours their bits.
 | ranges of several scans | ValueError: ranges |
 | ranges that are no numbers | ValueError: ranges |
 | an angle or limit that is NaN or infinite | ValueError: angle_min |
+| an angle or limit that is no number | ValueError: angle_min |
 | angles that do not change: an increment of 0 | ValueError: angle_increment |
+| an increment that is 0 in float32 | ValueError: angle_increment |
 | angles that descend: the scanner hangs upside down | a scan, clockwise |
 | more than a full turn | ValueError: angle_increment |
 | a full turn with both its ends | a scan, without the last beam |
 | `range_min` negative or not below `range_max` | ValueError: range_min |
+| limits that are equal in float32 | ValueError: range_min |
 | **Wrong lengths** | |
 | a line of a log with more or fewer readings than it says | skipped and counted |
 | the same, read with `strict` | LogError: line 2 |
 | poses for another number of references | ValueError: T_world_ref |
 | excluded ids for another number of queries | ValueError: exclude |
 | a stack in which a field has another number of scans | ValueError: angle_min |
+| **Poses and ids** | |
+| a pose farther than 1e8 m from the origin | ValueError: T_world_ref[1] |
+| an excluded id that int32 cannot hold | ValueError: exclude[0, 1] |
+| excluded ids that are no whole numbers | ValueError: exclude |
+| an id to remove that is not there, or that int32 cannot hold | ValueError: ids[1] |
+| ids to remove that are no whole numbers | ValueError: ids |
 | **Batches** | |
 | no scans | ValueError: scans |
 | no references | ValueError: references |
 | scans of different numbers of beams | as each alone |
 | a scan that is a batch itself | ValueError: scans[1] |
-| **Capacities** | |
+| what is no scan, among scans | ValueError: scans[1] |
+| a stack of other numbers than float32 and int32 | as those |
+| **Configurations** | |
+| one of another kind | ValueError: config |
+| a threshold that is NaN or infinite | ValueError: cluster |
+| a threshold out of its range | ValueError: cluster |
+| a value along a sweep that is either | ValueError: cluster[1] |
+| a capacity that is no whole number, or below its least | ValueError: places |
 | anchors not from 2 to 128 | ValueError: anchors |
 | `top_k`, `hypotheses` or `chunk` below 1 | ValueError: top_k |
 | **Queries** | |

@@ -55,12 +55,6 @@ class MatchConfig(eqx.Module):
     hypotheses: int = capacity(5, "K, the most hypotheses of a query")
     chunk: int = capacity(32, "queries worked on at a time, which bounds the memory")
 
-    def __check_init__(self) -> None:
-        for name in ("top_k", "hypotheses", "chunk"):
-            value = getattr(self, name)
-            if value is not None and value < 1:
-                raise ValueError(f"{name}: {value} is not a positive number")
-
 
 class Counts(eqx.Module):
     """How much was left after each stage."""

@@ -9,6 +9,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
+from aprjax.configuration import shown
 from aprjax.evaluation.distinctiveness import Placement
 from aprjax.features import FeatureConfig, Features, describe
 from aprjax.grid.occupancy_grid import OccupancyGrid
@@ -17,7 +18,7 @@ from aprjax.grid.viewpoints import viewpoints
 from aprjax.numerics import bucket, single_precision
 from aprjax.programs import Program
 from aprjax.relations.edge_table import EdgeTable
-from aprjax.scan import Scan
+from aprjax.scan import Scan, as_stack
 
 
 class ReferenceIndex(eqx.Module):
@@ -38,6 +39,8 @@ class ReferenceIndex(eqx.Module):
         return self.ids >= 0
 
 
+FARTHEST = 1e8
+"""Metres and radians from the origin, at most, of a reference: any map's frame, a globe's too."""
 _CHUNK = 64  # references described at a time, which bounds the memory
 
 
@@ -82,11 +85,12 @@ class ReferenceSet:
         of the lasers in one frame, for a user who has a metric map; they are not needed. Matching
         uses them to tell whether two answers mean the same place, and for nothing else. A row with
         a NaN is a pose that is not known. Raises `ValueError` if there is no scan, and for poses of
-        another shape or that are infinite.
+        another shape or beyond `FARTHEST`.
         """
         stacked = as_stack(scans)
         count = np.shape(stacked.ranges)[0]
-        return cls.restore(stacked, np.arange(count), count, config or FeatureConfig(), T_world_ref)
+        config = checked_features(config)
+        return cls.restore(stacked, np.arange(count), count, config, T_world_ref)
 
     @classmethod
     def from_occupancy_grid(
@@ -194,6 +198,15 @@ class ReferenceSet:
         return rows_of(self.index.features, slice(len(self.ids)))
 
 
+def checked_features(config: FeatureConfig | None) -> FeatureConfig:
+    """The configuration or the defaults; raises `ValueError` for one of another kind."""
+    if config is None:
+        return FeatureConfig()
+    if not isinstance(config, FeatureConfig):
+        raise ValueError(f"config: {type(config).__name__} is no FeatureConfig")
+    return config
+
+
 def described(scans: Scan, config: FeatureConfig) -> Features:
     """Features of stacked scans, on the host.
 
@@ -211,25 +224,36 @@ def described(scans: Scan, config: FeatureConfig) -> Features:
     return jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *chunks)
 
 
-def as_stack(scans: Sequence[Scan] | Scan) -> Scan:
-    """Stacked scans `(references, slots)`; raises `ValueError` for others and for none."""
-    stacked = scans if isinstance(scans, Scan) else Scan.stack(scans)
-    if np.ndim(stacked.ranges) != 2:
-        raise ValueError(
-            f"scans: ranges of shape {np.shape(stacked.ranges)} are not (references, beams)"
-        )
-    if np.shape(stacked.ranges)[0] == 0:
-        raise ValueError("scans: there are none")
-    return stacked
-
-
 def remaining(ids: np.ndarray, gone: Iterable[int]) -> np.ndarray:
     """Which of `ids` are not `gone` `(references,)`; raises `ValueError` for one not there."""
-    leaving = np.asarray(list(gone), np.int64)
+    leaving = checked_ids("ids", list(gone))
     wrong = np.flatnonzero(~np.isin(leaving, ids))
     if wrong.size:
         raise ValueError(f"ids[{wrong[0]}]: no reference has id {leaving[wrong[0]]}")
     return ~np.isin(ids, leaving)
+
+
+def checked_ids(name: str, ids: Any) -> np.ndarray:
+    """Ids of any whole numbers as int32; raises `ValueError` naming what can be none."""
+    try:
+        given = np.asarray(ids)
+    except ValueError:
+        raise ValueError(f"{name}: rows of several lengths are no array of ids") from None
+    if given.size == 0:
+        return np.empty(given.shape, np.int32)
+    if given.dtype == object:  # whole numbers that int64 cannot hold, or no numbers at all
+        fits = [isinstance(each, int) and -(1 << 31) <= each < 1 << 31 for each in given.flat]
+        kept, right = given, np.array(fits).reshape(given.shape)
+    elif np.issubdtype(given.dtype, np.integer):
+        kept = given.astype(np.int32)
+        right = kept == given
+    else:
+        raise ValueError(f"{name}: {given.dtype} is no type of ids")
+    wrong = np.argwhere(~right)
+    if len(wrong):
+        at = f"[{', '.join(map(str, wrong[0]))}]" if given.ndim else ""
+        raise ValueError(f"{name}{at}: {shown(given[tuple(wrong[0])])} is no id")
+    return kept.astype(np.int32, copy=False)
 
 
 def rows_of(stacked, rows):
@@ -246,12 +270,18 @@ def checked_poses(T_world_ref: np.ndarray | None, count: int) -> np.ndarray:
     """Checked poses `(count, 3)`, NaN where none are given."""
     if T_world_ref is None:
         return np.full((count, 3), np.nan)
-    poses = np.array(T_world_ref, float)
+    try:
+        poses = np.array(T_world_ref, float)
+    except (TypeError, ValueError):
+        raise ValueError("T_world_ref: it is no array of numbers") from None
     if poses.shape != (count, 3):
         raise ValueError(f"T_world_ref: shape {poses.shape} is not ({count}, 3)")
-    infinite = np.flatnonzero(np.isinf(poses).any(axis=1))
-    if infinite.size:
-        raise ValueError(f"T_world_ref[{infinite[0]}]: {poses[infinite[0]]} is not finite")
+    far = np.flatnonzero((np.abs(poses) > FARTHEST).any(axis=1))
+    if far.size:
+        problem = (
+            "finite" if np.isinf(poses[far[0]]).any() else f"within {FARTHEST:g} of the origin"
+        )
+        raise ValueError(f"T_world_ref[{far[0]}]: {poses[far[0]]} is not {problem}")
     return poses
 
 

@@ -47,7 +47,7 @@ class RefineConfig(eqx.Module):
         1.0, "metres and radians: standard deviation of each coordinate where nothing holds it"
     )
     points: int = capacity(128, "most end points that are paired in a coarse step")
-    iterations: int = capacity(6, "coarse steps")
+    iterations: int = capacity(6, "coarse steps", least=0)
     beams: int = capacity(128, "most end points of each scan that are paired in the last solve")
     solver_steps: int = capacity(4, "most evaluations of the last solve")
 

@@ -5,8 +5,8 @@ Ranges follow ROS's REP 117: a finite value within the limits (inclusive) is a *
 finite value outside the limits) is *invalid*: nothing is known along that beam.
 """
 
-from collections.abc import Sequence
-from typing import Self
+from collections.abc import Iterable, Sequence
+from typing import Any, Self
 
 import equinox as eqx
 import jax
@@ -14,10 +14,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from aprjax.configuration import real_numbers, shown
 from aprjax.numerics import bucket
 
 _SCALARS = ("angle_min", "angle_increment", "range_min", "range_max", "beams")
 _FIELDS = ("ranges", *_SCALARS)
+_DTYPES = dict.fromkeys(_FIELDS, np.dtype(np.float32)) | {"beams": np.dtype(np.int32)}
 
 
 class Scan(eqx.Module):
@@ -63,51 +65,40 @@ class Scan(eqx.Module):
         """A checked scan on the host from `ranges` `(beams,)`.
 
         Raises `ValueError` naming the field and its value if the ranges are not one-dimensional
-        and non-empty numbers, if an angle or limit is not finite, if the increment is zero or the
-        beams cover more than a full turn, or unless `0 <= range_min < range_max`. No range value
-        is refused: what is not a hit and not +inf is invalid, what a NumPy mask hides too. A last
-        beam that looks where the first one does is left out. `aprjax.contract` has it as a table.
+        and non-empty numbers, if an angle or limit is no finite number, if the increment is zero
+        or the beams cover more than a full turn, or unless `0 <= range_min < range_max`, all of
+        them as float32. No range value is refused: what is not a hit and not +inf is invalid, what
+        a NumPy mask hides too. A last beam that looks where the first one does is left out.
+        `aprjax.contract` has it as a table.
         """
-        given = _numbers(ranges)
-        with np.errstate(over="ignore"):
-            values = given.astype(np.float32)
-        # A finite value that float32 cannot hold is invalid, not free.
-        values[np.isinf(values) & np.isfinite(given)] = np.nan
+        values = _single(_numbers("ranges", ranges))
         if values.ndim != 1 or values.size == 0:
             raise ValueError(f"ranges: shape {values.shape} is not (beams,) with at least one beam")
-        for name, value in (
-            ("angle_min", angle_min),
-            ("angle_increment", angle_increment),
-            ("range_min", range_min),
-            ("range_max", range_max),
-        ):
-            if not abs(value) <= float(np.finfo(np.float32).max):
-                raise ValueError(f"{name}: {value} is not finite in float32")
+        # What is stored is what is checked.
+        kept = {
+            name: _finite(name, value)
+            for name, value in (
+                ("angle_min", angle_min),
+                ("angle_increment", angle_increment),
+                ("range_min", range_min),
+                ("range_max", range_max),
+            )
+        }
+        step = abs(float(kept["angle_increment"]))
         # Some drivers report both ends of a turn: the last beam is the first one again.
-        if (
-            angle_increment == 0
-            or abs(angle_increment) * max(values.size - 1, 1) > 2 * np.pi * 1.001
-        ):
+        if step == 0 or step * max(values.size - 1, 1) > 2 * np.pi * 1.001:
             raise ValueError(
                 f"angle_increment: {angle_increment} rad is zero, or {values.size} beams pass 360°"
             )
-        if abs(angle_increment) * (values.size - 0.5) > 2 * np.pi:
+        if step * (values.size - 0.5) > 2 * np.pi:
             values = values[:-1]
-        if not 0 <= range_min < range_max:
+        if not 0 <= kept["range_min"] < kept["range_max"]:
             raise ValueError(
                 f"range_min: {range_min} m is negative or not below range_max {range_max} m"
             )
         return cls(
             ranges=values,  # pyright: ignore[reportArgumentType]
-            **{
-                name: np.float32(value)
-                for name, value in (
-                    ("angle_min", angle_min),
-                    ("angle_increment", angle_increment),
-                    ("range_min", range_min),
-                    ("range_max", range_max),
-                )
-            },  # pyright: ignore[reportArgumentType]
+            **kept,  # pyright: ignore[reportArgumentType]
             beams=np.int32(values.size),  # pyright: ignore[reportArgumentType]
         )
 
@@ -183,14 +174,19 @@ class Scan(eqx.Module):
         )
 
     @classmethod
-    def stack(cls, scans: Sequence[Self], slots: int | None = None) -> Self:
+    def stack(cls, scans: Iterable[Self], slots: int | None = None) -> Self:
         """One batch on the host from scans of any beam counts, padded to `slots` or their bucket.
 
-        Raises `ValueError` for an empty list, and for a scan that is a batch itself.
+        Raises `ValueError` for an empty list, and for what is no scan or a batch itself.
         """
+        if not isinstance(scans, Iterable):
+            raise ValueError(f"scans: {type(scans).__name__} is no list of scans")
+        scans = list(scans)
         if not scans:
             raise ValueError("scans: the list is empty")
         for index, scan in enumerate(scans):
+            if not isinstance(scan, Scan):
+                raise ValueError(f"scans[{index}]: {type(scan).__name__} is no Scan")
             if np.ndim(scan.ranges) != 1:
                 raise ValueError(
                     f"scans[{index}]: ranges have shape {np.shape(scan.ranges)}, not (beams,)"
@@ -202,8 +198,27 @@ class Scan(eqx.Module):
         columns = {name: np.array([getattr(scan, name) for scan in scans]) for name in _SCALARS}
         ranges = np.full((len(scans), slots), np.nan, np.float32)
         for row, scan in zip(ranges, scans, strict=True):
-            row[: scan.ranges.shape[-1]] = scan.ranges
+            row[: scan.ranges.shape[-1]] = _typed("ranges", scan.ranges)
+        columns = {name: _typed(name, column) for name, column in columns.items()}
         return cls(ranges=ranges, **columns)  # pyright: ignore[reportArgumentType]
+
+
+def as_stack(scans: Sequence[Scan] | Scan, of: str = "references") -> Scan:
+    """Stacked scans `(any, slots)` in the documented dtypes, from a list or a stacked `Scan`.
+
+    `of` is what they are, for the message. Raises `ValueError` for other shapes, for none, and
+    for what are no numbers.
+    """
+    if not isinstance(scans, Scan):
+        return Scan.stack(scans)
+    shape = np.shape(scans.ranges)
+    if len(shape) != 2 or shape[0] == 0:
+        raise ValueError(f"scans: ranges of shape {shape} are not ({of}, beams)")
+    given = {name: getattr(scans, name) for name in _FIELDS}
+    fields = {name: _typed(name, values) for name, values in given.items()}
+    if all(fields[name] is values for name, values in given.items()):
+        return scans
+    return Scan(**fields)  # pyright: ignore[reportArgumentType]
 
 
 def hide_nan(scans: Scan) -> tuple[Scan, Bool[Array, "*batch slots"]]:
@@ -222,14 +237,55 @@ def show_nan(scans: Scan, silent: np.ndarray) -> Scan:
     return eqx.tree_at(lambda scan: scan.ranges, scans, ranges)
 
 
-def _numbers(ranges: Sequence[float] | np.ndarray | Array) -> np.ndarray:
-    """Ranges of any kind of number as they are, NaN where they are masked."""
-    if isinstance(ranges, np.ma.MaskedArray):
-        return np.ma.filled(ranges.astype(np.float64), np.nan)
-    try:
-        given = np.asarray(ranges)
-    except ValueError:  # lists of several lengths
-        given = np.empty(0, object)
-    if not (jnp.issubdtype(given.dtype, jnp.integer) or jnp.issubdtype(given.dtype, jnp.floating)):
-        raise ValueError("ranges: they are not a sequence of real numbers")
+def _numbers(name: str, values: Any) -> np.ndarray:
+    """Any kind of real numbers as they are, NaN where they are masked."""
+    if isinstance(values, np.ma.MaskedArray):
+        return np.ma.filled(values.astype(np.float64), np.nan)
+    given = real_numbers(values)
+    if given is None:
+        raise ValueError(f"{name}: they are not a sequence of real numbers")
     return given
+
+
+def _single(given: np.ndarray) -> np.ndarray:
+    """A copy as float32. A finite value that float32 cannot hold is invalid, not free: NaN."""
+    with np.errstate(over="ignore"):
+        values = given.astype(np.float32)
+    values[np.isinf(values) & np.isfinite(given)] = np.nan
+    return values
+
+
+def _finite(name: str, value: Any) -> np.float32:
+    """One number as float32; raises `ValueError` unless it is one, and finite."""
+    try:
+        if isinstance(value, str | bytes) or np.ndim(value):
+            raise TypeError
+        with np.errstate(over="ignore"):
+            number = np.float32(float(value))
+    except (TypeError, ValueError):
+        raise ValueError(f"{name}: {shown(value)} is not a number") from None
+    except OverflowError:  # a whole number that float64 cannot hold
+        number = np.float32(np.inf)
+    if not np.isfinite(number):
+        raise ValueError(f"{name}: {shown(value)} is not finite in float32")
+    return number
+
+
+def _typed(name: str, values: Any) -> Any:
+    """A field of a stack in its documented dtype; the same array where it is of that.
+
+    An array on a device then stays there. Others are of a user's own making, and JAX would promote
+    them by its own rules, or refuse to.
+    """
+    wanted = _DTYPES[name]
+    if getattr(values, "dtype", None) == wanted:
+        return values
+    given = _numbers(name, values)
+    if wanted == np.float32:
+        return _single(given)
+    with np.errstate(invalid="ignore"):
+        counts = given.astype(np.int32)
+    wrong = np.flatnonzero(counts != given)
+    if wrong.size:
+        raise ValueError(f"{name}[{wrong[0]}]: {given.flat[wrong[0]]} is no number of beams")
+    return counts

@@ -36,12 +36,6 @@ class ShortlistConfig(eqx.Module):
     passed: int = capacity(96, "alternatives that pass the glance, over all references")
     kept: int = capacity(24, "alternatives that pass the second look")
 
-    def __check_init__(self) -> None:
-        for name in ("passed", "kept"):
-            value = getattr(self, name)
-            if value < 1:
-                raise ValueError(f"{name}: {value} is not a positive number")
-
 
 class Shortlist(eqx.Module):
     """Alternatives of several references, ordered by reference."""

@@ -1,4 +1,7 @@
+import dataclasses
+import importlib
 import json
+import pkgutil
 
 import equinox as eqx
 import jax
@@ -6,10 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import aprjax
 from aprjax.alignment.align import AlignmentConfig
 from aprjax.anchors.extract import ExtractionConfig
 from aprjax.configuration import from_dict, to_dict
 from aprjax.features import FeatureConfig
+from aprjax.matcher import MatchConfig
+from aprjax.refine import RefineConfig
 from aprjax.relations.histograms import RelationConfig
 
 CONFIGS = [ExtractionConfig(), RelationConfig(), AlignmentConfig(), FeatureConfig()]
@@ -86,3 +92,83 @@ def test_a_threshold_may_be_swept_and_differentiated():
     swept = jax.vmap(lambda value: ExtractionConfig(apart=value).apart * 2)(values)
     np.testing.assert_allclose(swept, 2 * values)
     assert float(jax.grad(lambda value: ExtractionConfig(apart=value).apart * 3)(1.0)) == 3
+
+
+SIGNED = {"offset", "slope", "angle_min", "angle_increment"}
+FROM_ZERO = {
+    "RotationConfig.width",
+    "RefineConfig.iterations",
+    "RelationConfig.length_tolerance",
+    "RelationConfig.part_tolerance",
+}
+
+
+def fields_of_all(static):
+    """Thresholds, or capacities, of every configuration of the package."""
+    for module in pkgutil.walk_packages(aprjax.__path__, "aprjax."):
+        if not module.name.endswith("__main__"):
+            importlib.import_module(module.name)
+    kinds = [kind for kind in eqx.Module.__subclasses__() if kind.__module__.startswith("aprjax.")]
+    found = [
+        (kind, field.name, field.default)
+        for kind in kinds
+        for field in dataclasses.fields(kind)
+        if "doc" in field.metadata and field.metadata.get("static", False) == static
+    ]
+    assert len({kind for kind, _, _ in found}) > 5
+    return found
+
+
+def test_every_threshold_is_a_finite_number_and_none_below_zero_but_those_of_any_sign():
+    for kind, name, default in fields_of_all(static=False):
+        assert float(getattr(kind(), name)) == np.float32(default)
+        for value in (np.nan, np.inf, -np.inf, 1e39, "1", None, True, [[1.0], [1.0, 2.0]]):
+            with pytest.raises(ValueError, match=f"^{name}: .* is not a"):
+                kind(**{name: value})
+        with pytest.raises(ValueError, match=rf"^{name}\[1\]: nan is not a"):
+            kind(**{name: np.array([default, np.nan])})
+        if name not in SIGNED:
+            with pytest.raises(ValueError, match=rf"^{name}: -1\.0 is not a .*number from 0"):
+                kind(**{name: -1.0})
+            with pytest.raises(ValueError, match=rf"^{name}\[2\]: -1\.0 is not a .*number from 0"):
+                kind(**{name: [default, default, -1.0]})
+
+
+def test_every_capacity_is_a_whole_number_from_one_but_a_few_from_zero():
+    for kind, name, default in fields_of_all(static=True):
+        if isinstance(default, bool):
+            with pytest.raises(ValueError, match=f"^{name}: 1 is not True or False"):
+                kind(**{name: 1})
+            continue
+        low = 0 if f"{kind.__name__}.{name}" in FROM_ZERO else 1
+        assert getattr(kind(**{name: default}), name) == default
+        for value in (low - 1, -5, 2.5, np.nan, True, "8", [8]):
+            with pytest.raises(ValueError, match=f"^{name}: .* is not a whole number from {low}"):
+                kind(**{name: value})
+
+
+def test_whole_numbers_of_numpy_are_capacities():
+    config = MatchConfig(hypotheses=np.int64(3), top_k=np.uint8(4), cascade=np.bool_(False))
+    assert (config.hypotheses, config.top_k, config.cascade) == (3, 4, False)
+    assert json.loads(json.dumps(to_dict(config)))["top_k"] == 4
+
+
+def test_leaves_that_jax_puts_into_a_configuration_are_not_looked_at():
+    config = RefineConfig()
+    assert jax.tree.map(lambda leaf: -leaf, config).gate < 0
+    assert eqx.tree_at(lambda c: c.gate, config, -1.0).gate == -1.0
+    assert jax.tree.unflatten(jax.tree.structure(config), [None] * 11).gate is None
+    assert jnp.isnan(dataclasses.replace(config, gate=jnp.float32(np.nan)).gate)
+    swept = jax.vmap(lambda value: RefineConfig(gate=value).gate)(jnp.array([-1.0, np.nan]))
+    assert swept[0] == -1.0
+
+
+def test_a_dictionary_is_refused_as_the_constructor_refuses():
+    for values, message in (
+        ({"refine": {"cluster": -1.0}}, "^cluster: -1.0 is not a finite number from 0"),
+        ({"probability": {"slope": float("nan")}}, "^slope: nan is not a finite number$"),
+        ({"hypotheses": 0}, "^hypotheses: 0 is not a whole number from 1"),
+        ({"refine": 2.0}, "^refine: 2.0 is not a group of fields"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            from_dict(MatchConfig, values)

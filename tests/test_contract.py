@@ -8,13 +8,17 @@ import numpy as np
 import pytest
 
 import aprjax.contract
+from aprjax.alignment.voting import VotingConfig
 from aprjax.anchors.extract import ExtractionConfig
-from aprjax.batch import match_batch
+from aprjax.batch import match, match_batch
+from aprjax.configuration import from_dict
+from aprjax.features import FeatureConfig
 from aprjax.io.log import LogError
 from aprjax.io.logs import read_log
 from aprjax.matcher import MatchConfig
 from aprjax.references import ReferenceSet
-from aprjax.scan import Scan
+from aprjax.refine import RefineConfig
+from aprjax.scan import Scan, as_stack
 from aprjax.status import Status
 from tests.test_matcher import closed_room
 from tests.worlds import office, scan_at
@@ -142,6 +146,16 @@ def as_each_alone() -> str:
     return "as each alone"
 
 
+def as_those(batch) -> str:
+    """A stack of half as many bits, or twice, and its beams as floating-point numbers."""
+    for kind in (np.float16, np.float64):
+        given = jax.tree.map(lambda array: np.asarray(array, kind), batch)  # noqa: B023
+        for ours, wanted in zip(*map(jax.tree.leaves, (as_stack(given), batch)), strict=True):
+            assert ours.dtype == wanted.dtype
+            np.testing.assert_allclose(ours, wanted, rtol=1e-3)
+    return "as those"
+
+
 def descending() -> str:
     bearings = np.asarray(make([1.0, 1.0], angle_increment=-STEP).bearings)
     return "a scan, clockwise" if bearings[1] < bearings[0] else "another"
@@ -206,8 +220,16 @@ def test_every_row_of_the_table_is_so(log, readings, references, status):
             for name in ("angle_min", "angle_increment", "range_min", "range_max")
             for value in (np.nan, np.inf, -np.inf)
         ),
+        "an angle or limit that is no number": lambda: all_equal(
+            refused(lambda: make([1.0], **{name: value})).replace(name, "angle_min")  # noqa: B023
+            for name in ("angle_min", "angle_increment", "range_min", "range_max")
+            for value in ("a", "1.0", None, np.zeros(3), np.zeros(1), [1.0], 1j, 10**400)
+        ),
         "angles that do not change: an increment of 0": lambda: refused(
             lambda: make([1.0, 1.0], angle_increment=0.0)
+        ),
+        "an increment that is 0 in float32": lambda: refused(
+            lambda: make([1.0], angle_increment=1e-46)
         ),
         "angles that descend: the scanner hangs upside down": descending,
         "more than a full turn": lambda: refused(lambda: make(np.ones(400))),
@@ -215,6 +237,10 @@ def test_every_row_of_the_table_is_so(log, readings, references, status):
         "`range_min` negative or not below `range_max`": lambda: all_equal(
             refused(lambda: make([1.0], range_min=value))  # noqa: B023
             for value in (-0.1, 30.0, 31.0)
+        ),
+        "limits that are equal in float32": lambda: all_equal(
+            refused(lambda: make([1.0], range_min=low, range_max=high))  # noqa: B023
+            for low, high in ((30.0 - 1e-9, 30.0), (0.0, 1e-50))
         ),
         "a line of a log with more or fewer readings than it says": skipped,
         "the same, read with `strict`": strictly,
@@ -227,6 +253,26 @@ def test_every_row_of_the_table_is_so(log, readings, references, status):
         "a stack in which a field has another number of scans": lambda: refused(
             lambda: Scan(**uneven)
         ),
+        "a pose farther than 1e8 m from the origin": lambda: all_equal(
+            refused(lambda: ReferenceSet.build(batch, T_world_ref=[[0, 0, 0], [0, far, 0]]))  # noqa: B023
+            for far in (1e300, -1e9, np.inf)
+        ),
+        "an excluded id that int32 cannot hold": lambda: all_equal(
+            refused(lambda: match_batch([good], references, exclude=np.array([[0, far]])))  # noqa: B023
+            for far in (2**32 + 7, -(2**31) - 1, 2**70)
+        ),
+        "excluded ids that are no whole numbers": lambda: all_equal(
+            refused(lambda: match(good, references, exclude=ids))  # noqa: B023
+            for ids in ([1.5], ["a"], [True], [[1], [1, 2]])
+        ),
+        "an id to remove that is not there, or that int32 cannot hold": lambda: all_equal(
+            refused(lambda: references.remove([0, far]))  # noqa: B023
+            for far in (7, -1, 2**32, 2**70)
+        ),
+        "ids to remove that are no whole numbers": lambda: all_equal(
+            refused(lambda: references.remove(ids))  # noqa: B023
+            for ids in ([0.0], [1.7], ["a"], [True])
+        ),
         "no scans": lambda: all_equal(
             (
                 refused(lambda: match_batch([], references)),
@@ -237,6 +283,35 @@ def test_every_row_of_the_table_is_so(log, readings, references, status):
         "scans of different numbers of beams": as_each_alone,
         "a scan that is a batch itself": lambda: refused(
             lambda: match_batch([good, batch], references)
+        ),
+        "what is no scan, among scans": lambda: all_equal(
+            refused(lambda: call([good, None]))  # noqa: B023
+            for call in (lambda scans: match_batch(scans, references), ReferenceSet.build)
+        ),
+        "a stack of other numbers than float32 and int32": lambda: as_those(batch),
+        "one of another kind": lambda: all_equal(
+            (
+                refused(lambda: match(good, references, FeatureConfig())),  # pyright: ignore[reportArgumentType]
+                refused(lambda: ReferenceSet.build([good], MatchConfig())),  # pyright: ignore[reportArgumentType]
+            )
+        ),
+        "a threshold that is NaN or infinite": lambda: all_equal(
+            refused(lambda: RefineConfig(cluster=value))  # noqa: B023
+            for value in (np.nan, np.inf, -np.inf, 1e39)
+        ),
+        "a threshold out of its range": lambda: all_equal(
+            (
+                refused(lambda: RefineConfig(cluster=-1.0)),  # pyright: ignore[reportArgumentType]
+                refused(lambda: from_dict(MatchConfig, {"refine": {"cluster": -1.0}})),
+            )
+        ),
+        "a value along a sweep that is either": lambda: all_equal(
+            refused(lambda: RefineConfig(cluster=np.array([1.0, value, 2.0])))  # noqa: B023
+            for value in (np.nan, -1.0)
+        ),
+        "a capacity that is no whole number, or below its least": lambda: all_equal(
+            refused(lambda: VotingConfig(places=places))  # noqa: B023
+            for places in (-1, 0, 2.5, True, "2", None)
         ),
         "anchors not from 2 to 128": lambda: all_equal(
             refused(lambda: ExtractionConfig(anchors=anchors))  # noqa: B023

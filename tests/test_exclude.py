@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from aprjax.batch import match_batch
-from aprjax.references import ReferenceSet
+from aprjax.references import ReferenceSet, checked_ids
 from tests.worlds import office, scan_at
 
 PLACES = np.array([[12.0, 0.0, 0.3], [12.3, 0.1, 0.1], [6.0, 0.2, 0.0], [18.0, 0.0, 2.0]])
@@ -38,3 +38,18 @@ def test_what_is_no_array_of_ids_for_each_query_is_refused(scene, exclude):
     references, query = scene
     with pytest.raises(ValueError, match="exclude: "):
         match_batch([query], references, exclude=exclude)
+
+
+@pytest.mark.parametrize("kind", [np.int8, np.uint8, np.int64, np.uint64, object, float])
+def test_ids_of_any_type_of_whole_numbers_are_the_same_and_none_may_have_any_type(kind):
+    given = np.array([[0, 7], [1, 2]], kind) if kind is not float else np.empty((2, 0))
+    ids = checked_ids("exclude", given)
+    assert ids.dtype == np.int32
+    np.testing.assert_array_equal(ids, given.astype(np.int32))
+
+
+@pytest.mark.parametrize("wrong", [2**31, 2**32 + 7, 2**64 - 1])
+def test_an_id_that_would_wrap_is_refused_by_its_index_and_value(wrong):
+    for ids in (np.array([[wrong]], np.uint64), [[wrong]], np.array([[wrong]], object)):
+        with pytest.raises(ValueError, match=rf"^exclude\[0, 0\]: {wrong} is no id$"):
+            checked_ids("exclude", ids)

@@ -183,6 +183,11 @@ def test_without_poses_none_is_known(references):
         (np.zeros((11, 3)), r"T_world_ref: shape \(11, 3\) is not \(12, 3\)"),
         (np.zeros((12, 2)), r"T_world_ref: shape \(12, 2\) is not \(12, 3\)"),
         (np.where(np.arange(36).reshape(12, 3) == 7, np.inf, 0), r"T_world_ref\[2\]: .*inf"),
+        (
+            np.where(np.arange(36).reshape(12, 3) == 8, -1e9, 0),
+            r"T_world_ref\[2\]: .* within 1e\+08",
+        ),
+        ([["a", 0, 0]], "T_world_ref: it is no array of numbers"),
     ],
 )
 def test_poses_that_fit_no_references_are_refused(scans, poses, message):

@@ -2,8 +2,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
-from aprjax.scan import Scan
+from aprjax.io.archive import SCAN_FIELDS, Archive
+from aprjax.scan import Scan, as_stack
 
 NAN, INF = np.nan, np.inf
 FIELDS = ("ranges", "angle_min", "angle_increment", "range_min", "range_max", "beams")
@@ -138,6 +141,39 @@ def test_a_bad_argument_is_refused_by_name_and_value(changes, field, value):
     assert value in str(error.value)
 
 
+NUMBERS = st.floats() | st.sampled_from([0.0, 1e-46, 1e-50, 0.01, np.pi, 30.0 - 1e-9, 30.0])
+
+
+@given(
+    ranges=st.lists(st.floats(), min_size=1, max_size=5),
+    turn=NUMBERS,
+    fields=st.fixed_dictionaries(
+        {"angle_min": NUMBERS, "range_min": NUMBERS, "range_max": NUMBERS}
+    ),
+)
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.filter_too_much])
+def test_a_scan_that_is_made_is_one_that_a_file_may_hold(ranges, turn, fields):
+    try:
+        scan = Scan.make(ranges, angle_increment=turn, **fields)
+    except ValueError as error:
+        assert str(error).partition(":")[0] in FIELDS
+        return
+    arrays = {
+        name: np.asarray(getattr(scan, name), kind)[None] for name, kind in SCAN_FIELDS.items()
+    }
+    Archive(arrays | {"ranges": scan.ranges[None]}, "reference file").scans(1)
+
+
+def test_what_is_stored_is_what_was_given_to_the_bit():
+    scan = make([1.0, 2.0], angle_min=-0.1, angle_increment=1 / 3, range_min=1e-3, range_max=1e9)
+    assert scan.angle_min == np.float32(-0.1)
+    assert scan.angle_increment == np.float32(1 / 3)
+    assert scan.range_min == np.float32(1e-3)
+    assert scan.range_max == np.float32(1e9)
+    for name in FIELDS[1:5]:
+        assert getattr(scan, name).dtype == np.float32
+
+
 def test_of_a_full_turn_with_both_ends_the_last_beam_is_left_out():
     for beams, degrees in ((361, 1.0), (361, -1.0), (1441, 0.25)):
         assert make(np.ones(beams), angle_increment=np.radians(degrees)).beams == beams - 1
@@ -202,6 +238,48 @@ def test_an_empty_stack_is_refused():
 def test_a_batch_within_a_stack_is_refused_by_its_index():
     with pytest.raises(ValueError, match=r"scans\[1\].*\(2, 64\)"):
         Scan.stack([make([1.0]), Scan.stack([make([1.0]), make([2.0])])])
+
+
+@pytest.mark.parametrize(
+    ("scans", "message"),
+    [
+        (None, "scans: NoneType is no list of scans"),
+        ([None], r"scans\[0\]: NoneType is no Scan"),
+        (["a", "b"], r"scans\[0\]: str is no Scan"),
+        (make([1.0]), r"scans: ranges of shape \(1,\) are not \(references, beams\)"),
+    ],
+)
+def test_what_is_no_list_of_scans_is_refused_by_its_index(scans, message):
+    with pytest.raises(ValueError, match=message):
+        as_stack(scans)
+
+
+def test_an_iterator_of_scans_is_stacked_as_their_list_is():
+    scans = [make([1.0]), make([2.0, 3.0])]
+    for ours, wanted in zip(
+        *map(jax.tree.leaves, (as_stack(iter(scans)), Scan.stack(scans))), strict=True
+    ):
+        np.testing.assert_array_equal(ours, wanted)
+
+
+def test_a_stack_of_the_documented_dtypes_is_taken_as_it_is():
+    stack = Scan.stack([make([1.0]), make([2.0, 3.0])])
+    assert as_stack(stack) is stack
+    on_device = jax.device_put(stack)
+    assert as_stack(on_device) is on_device
+
+
+def test_numbers_of_a_stack_that_fit_no_documented_dtype_are_refused_or_say_nothing():
+    fields = {name: getattr(Scan.stack([make([1.0]), make([2.0])]), name) for name in FIELDS}
+    with pytest.raises(ValueError, match=r"beams\[1\]: 1\.5 is no number of beams"):
+        as_stack(Scan(**fields | {"beams": np.array([1.0, 1.5])}))
+    with pytest.raises(ValueError, match=r"beams\[0\]: nan is no number of beams"):
+        as_stack(Scan(**fields | {"beams": np.array([NAN, 1.0])}))
+    with pytest.raises(ValueError, match="ranges: "):
+        as_stack(Scan(**fields | {"ranges": np.array([["a"], ["b"]])}))
+    large = as_stack(Scan(**fields | {"ranges": np.array([[1e39], [INF]])})).ranges
+    assert np.isnan(large[0, 0])
+    assert large[1, 0] == INF
 
 
 def test_a_padded_batch_has_scans_without_beams_at_its_end():

@@ -13,7 +13,7 @@ class RotationConfig(eqx.Module):
     """How many rotations are followed up."""
 
     peaks: int = capacity(2, "peaks of the histogram; each stands for two rotations")
-    width: int = capacity(1, "bins to each side that belong to a peak")
+    width: int = capacity(1, "bins to each side that belong to a peak", least=0)
 
 
 class Rotations(eqx.Module):

@@ -40,11 +40,8 @@ class VotingConfig(eqx.Module):
         for name in ("places", "depth"):
             if getattr(self, name).bit_count() != 1:
                 raise ValueError(f"{name}: {getattr(self, name)} is not a power of two")
-        if self.directions < 2 or self.directions % 2:
+        if self.directions % 2:
             raise ValueError(f"directions: {self.directions} is not an even number of cells")
-        for name in ("grids", "poses"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name}: {getattr(self, name)} is not a positive number")
 
 
 class Votes(eqx.Module):

@@ -11,8 +11,8 @@ from jaxtyping import Array, Float
 from aprjax.evaluation.signature import Discriminant, discriminant, signature
 from aprjax.features import FeatureConfig, seen
 from aprjax.numerics import bucket, single_precision
-from aprjax.references import as_stack, joined, rows_of
-from aprjax.scan import Scan
+from aprjax.references import checked_features, checked_ids, joined, rows_of
+from aprjax.scan import Scan, as_stack
 
 BLOCK = 8192
 """References of a block: they are compared with a query at once."""
@@ -57,7 +57,7 @@ class Catalogue:
         """
         stacked = as_stack(scans)
         slots = bucket(max(stacked.ranges.shape[-1], beams), smallest=64)
-        return cls(slots, config or FeatureConfig()).add(stacked)
+        return cls(slots, checked_features(config)).add(stacked)
 
     def __len__(self) -> int:
         return sum(map(len, self.blocks))
@@ -107,7 +107,7 @@ class Catalogue:
 
     def scans(self, ids: np.ndarray) -> Scan:
         """Copies of the scans of these ids `(any,)`, stacked; raises `ValueError` for no id."""
-        ids = np.asarray(ids, np.int64)
+        ids = checked_ids("ids", ids).astype(np.int64)
         wrong = np.flatnonzero((ids < 0) | (ids >= len(self)))
         if wrong.size:
             raise ValueError(f"ids[{wrong[0]}]: no reference has id {ids[wrong[0]]}")

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from aprjax.batch import checked_queries, packed
+from aprjax.batch import checked_config, checked_queries, packed
 from aprjax.catalogue.catalogue import BLOCK, Catalogue
 from aprjax.evaluation.distinctiveness import Placement
 from aprjax.features import FeatureConfig, describe
@@ -92,7 +92,7 @@ def match_catalogue(
     ids in the catalogue. Memory beyond the catalogue does not grow with it, nor with the number of
     scans beyond a few hundred.
     """
-    config = MatchConfig() if config is None else config
+    config = checked_config(config)
     if len(catalogue) == 0:
         raise ValueError("catalogue: it is empty")
     if likely < 1:

@@ -9,6 +9,7 @@ are of unmapped places, the probability is too high, and the other way about.
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from aprjax.configuration import threshold
@@ -17,8 +18,12 @@ from aprjax.configuration import threshold
 class ProbabilityConfig(eqx.Module):
     """The logistic curve."""
 
-    offset: Float[Array, ""] = threshold(14.5, "logarithm of the odds at an e_m of one")
-    slope: Float[Array, ""] = threshold(6.0, "what it gains for each factor of e in e_m")
+    offset: Float[Array, ""] = threshold(
+        14.5, "logarithm of the odds at an e_m of one", least=-np.inf
+    )
+    slope: Float[Array, ""] = threshold(
+        6.0, "what it gains for each factor of e in e_m", least=-np.inf
+    )
 
 
 def probability(e_m: Float[Array, "*batch"], config: ProbabilityConfig) -> Float[Array, "*batch"]:

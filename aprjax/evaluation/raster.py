@@ -28,10 +28,8 @@ class RasterConfig(eqx.Module):
     points: int = capacity(32, "most end points of a scan, less than 127")
 
     def __check_init__(self) -> None:
-        if not 0 < self.points < _CONTRADICTS:
+        if self.points >= _CONTRADICTS:
             raise ValueError(f"points: {self.points} is not between 1 and {_CONTRADICTS - 1}")
-        if self.size < 1:
-            raise ValueError(f"size: {self.size} is not a positive number")
 
 
 class Raster(eqx.Module):

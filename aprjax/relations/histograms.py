@@ -23,9 +23,11 @@ class RelationConfig(eqx.Module):
     bin_length: Float[Array, ""] = threshold(0.1, "metres for each length bin")
     length_bins: int = capacity(160, "bins of length; longer edges do not take part")
     direction_bins: int = capacity(60, "bins over half a turn; an edge has no sense")
-    length_tolerance: int = capacity(1, "bins that corresponding lengths may differ by")
+    length_tolerance: int = capacity(1, "bins that corresponding lengths may differ by", least=0)
     parts: int = capacity(4, "parts of a length bin, by which edges are counted for q_m")
-    part_tolerance: int = capacity(1, "parts that corresponding lengths may differ by, for q_m")
+    part_tolerance: int = capacity(
+        1, "parts that corresponding lengths may differ by, for q_m", least=0
+    )
 
 
 class EdgeHistogram(eqx.Module):

@@ -13,7 +13,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.alignment.voting import Votes, VotingConfig, vote
-from aprjax.batch import checked_queries, packed
+from aprjax.batch import checked_config, checked_queries, packed
 from aprjax.features import Features, describe
 from aprjax.matcher import Counts, MatchConfig, MatchResult, answer, evaluate, preselected, rank
 from aprjax.numerics import single_precision
@@ -41,7 +41,7 @@ def match_sharded(
     references on a device and of queries. Raises `ValueError` also for a configuration without
     the cascade.
     """
-    config = MatchConfig() if config is None else config
+    config = checked_config(config)
     if not config.cascade:
         raise ValueError("cascade: references on several devices are matched by the cascade only")
     batch, excluded = checked_queries(scans, exclude)

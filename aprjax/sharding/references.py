@@ -13,7 +13,7 @@ from aprjax.features import FeatureConfig
 from aprjax.numerics import bucket
 from aprjax.references import (
     ReferenceIndex,
-    as_stack,
+    checked_features,
     checked_poses,
     described,
     index_of,
@@ -22,7 +22,7 @@ from aprjax.references import (
     remaining,
     rows_of,
 )
-from aprjax.scan import Scan
+from aprjax.scan import Scan, as_stack
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,8 @@ class ShardedReferences:
         stacked = as_stack(scans)
         count = np.shape(stacked.ranges)[0]
         poses = checked_poses(T_world_ref, count)
-        return cls._spread(stacked, np.arange(count), count, poses, config or FeatureConfig(), mesh)
+        config = checked_features(config)
+        return cls._spread(stacked, np.arange(count), count, poses, config, mesh)
 
     @classmethod
     def _spread(

@@ -31,8 +31,10 @@ class Laser(eqx.Module):
     """
 
     beams: int = capacity(181, "beams of a scan")
-    angle_min: Float[Array, ""] = threshold(-np.pi / 2, "radians: bearing of beam 0")
-    angle_increment: Float[Array, ""] = threshold(np.pi / 180, "radians to the next beam")
+    angle_min: Float[Array, ""] = threshold(-np.pi / 2, "radians: bearing of beam 0", least=-np.inf)
+    angle_increment: Float[Array, ""] = threshold(
+        np.pi / 180, "radians to the next beam", least=-np.inf
+    )
     range_min: Float[Array, ""] = threshold(0.02, "metres: anything nearer is too near")
     range_max: Float[Array, ""] = threshold(80.0, "metres: anything farther gives no return")
     resolution: Float[Array, ""] = threshold(

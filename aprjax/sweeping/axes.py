@@ -49,7 +49,7 @@ def product(axes: Mapping[str, Sequence[float] | np.ndarray]) -> dict[str, np.nd
 def configured(config: _Config, values: Mapping[str, Any]) -> _Config:
     """The configuration with other thresholds, each of dotted name a number or `(n,)` of them.
 
-    Raises `ValueError` for a name that is no threshold.
+    Raises `ValueError` for a name that is no threshold, and for a value out of its range.
     """
     for name, value in values.items():
         _check_name(config, name)

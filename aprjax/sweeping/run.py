@@ -32,7 +32,7 @@ from aprjax.matcher import Counts, MatchConfig, MatchResult, match_one
 from aprjax.numerics import bucket, single_precision
 from aprjax.references import ReferenceIndex, ReferenceSet
 from aprjax.relations.histograms import preselection_quality
-from aprjax.scan import Scan
+from aprjax.scan import Scan, as_stack
 from aprjax.sweeping.axes import FEATURES, check_names, configured, product
 
 CONFIGURATIONS, QUERIES = 64, 8
@@ -84,9 +84,7 @@ def sweep(
     count = _count(configs)
     if len(references) == 0:
         raise ValueError("references: the set is empty")
-    batch = scans if isinstance(scans, Scan) else Scan.stack(scans)
-    if batch.ranges.ndim != 2 or batch.ranges.shape[0] == 0:
-        raise ValueError(f"scans: ranges of shape {batch.ranges.shape} are not (queries, beams)")
+    batch = as_stack(scans, "queries")
     queries = batch.ranges.shape[0]
     size = min(QUERIES, bucket(queries, smallest=1))
     groups = list(_groups(configs, count))

@@ -38,6 +38,25 @@ def test_a_configuration_gets_thresholds_and_keeps_the_rest():
     assert config.congruence.tolerance == MatchConfig().congruence.tolerance
 
 
+@pytest.mark.parametrize("value", [[0.1, -1.0], np.array([0.1, np.nan]), [0.1, np.inf]])
+def test_a_value_out_of_a_threshold_s_range_is_refused_by_its_index(value):
+    with pytest.raises(ValueError, match=r"^doubt\[1\]: .* is not a finite number from 0"):
+        configured(MatchConfig(), {"congruence.quality.doubt": value})
+
+
+def test_values_that_switch_a_part_off_are_thresholds():
+    features = configured(
+        FeatureConfig(),
+        {"extraction.jump_edge.jump": 1e3, "extraction.angle.min_angle": 4.0},
+    )
+    assert features.extraction.angle.min_angle == 4.0
+    config = configured(
+        MatchConfig(),
+        {"refine.gate": 1e-6, "distinctiveness.equal": 1e3, "distinctiveness.weight": 0.0},
+    )
+    assert config.distinctiveness.equal == 1e3
+
+
 @pytest.mark.parametrize(
     ("name", "said"),
     [
