@@ -11,8 +11,16 @@ import numpy as np
 
 from aprjax.anchors.extract import Anchors, ExtractionConfig, extract
 from aprjax.cli.errors import CommandError
-from aprjax.cli.inputs import add_topic_options, holds_references, open_references, read_entries
+from aprjax.cli.inputs import (
+    add_topic_options,
+    holds_grid,
+    holds_references,
+    open_grid,
+    open_references,
+    read_entries,
+)
 from aprjax.cli.map import map_facts, open_map
+from aprjax.cli.outputs import shown
 from aprjax.io.bag_file import Topic, bag_topics, is_bag
 from aprjax.io.log import LogError, LogReport
 from aprjax.io.reference_file import VERSION
@@ -31,11 +39,15 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
     parser = commands.add_parser(
         "info",
         help="say what a file holds",
-        description="Say what a log, bag, reference file or map holds. Of a bag with several "
-        "topics of scans or odometry of which none is chosen, only the topics are listed.",
+        description="Say what a log, bag, reference file, map or occupancy grid holds. Of a bag "
+        "with several topics of scans or odometry of which none is chosen, only the topics are "
+        "listed.",
     )
     parser.add_argument(
-        "file", type=Path, metavar="FILE", help="a log or bag, a reference file, or a map"
+        "file",
+        type=Path,
+        metavar="FILE",
+        help="a log or bag, a reference file, a map, or a grid's YAML",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     add_topic_options(parser, odometry=True)
@@ -45,14 +57,15 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
 def run(arguments: argparse.Namespace) -> None:
     """Carry out the subcommand. Raises `CommandError` and `OSError`."""
     path = arguments.file
-    if not holds_references(path):
+    if holds_grid(path):
+        facts = _grid_facts(path)
+    elif not holds_references(path):
         facts = _log_facts(path, arguments.topic, arguments.odometry)
     elif looks_like_map(path):
         facts = _map_facts(path)
     else:
         facts = _reference_facts(path)
-    # A name that is no Unicode must not stop the print.
-    facts = {"file": str(path).encode(errors="replace").decode(), **facts}
+    facts = {"file": shown(path), **facts}
     if arguments.json:
         print(json.dumps(facts, indent=2))
     else:
@@ -175,6 +188,22 @@ def _reference_facts(path: Path) -> dict[str, Any]:
         "beams": _span([int(beams) for beams in references.scans.beams]),
         "anchors_per_scan": round(float(anchors.sum(axis=1).mean()), 2),
         "anchor_capacity": index.config.extraction.anchors,
+    }
+
+
+def _grid_facts(path: Path) -> dict[str, Any]:
+    grid = open_grid(path)
+    rows, columns = grid.cells.shape
+    x, y, yaw = grid.T_world_grid.tolist()
+    area = grid.resolution**2
+    return {
+        "kind": "occupancy grid",
+        "resolution_m": grid.resolution,
+        "cells": f"{columns} x {rows}",
+        "size_m": f"{columns * grid.resolution:.2f} x {rows * grid.resolution:.2f}",
+        "origin": f"{x:g} {y:g} {math.degrees(yaw):g}",
+        "free_m2": round(float(np.sum(grid.free)) * area, 2),
+        "occupied_m2": round(float(np.sum(grid.occupied)) * area, 2),
     }
 
 

@@ -9,6 +9,7 @@ from typing import Literal
 from aprjax.anchors.extract import ExtractionConfig
 from aprjax.cli.errors import CommandError
 from aprjax.features import FeatureConfig
+from aprjax.grid.occupancy_grid import OccupancyGrid
 from aprjax.io.log import LogEntry, LogError, LogReport
 from aprjax.io.logs import read_log
 from aprjax.io.occupancy_grid import OccupancyGridError, read_occupancy_grid
@@ -65,12 +66,19 @@ def holds_grid(path: Path) -> bool:
     return path.suffix in (".yaml", ".yml") and not path.is_dir()
 
 
-def _references_of_grid(path: Path, config: FeatureConfig) -> ReferenceSet:
-    """What a laser would see from places that cover the floor of a grid."""
+def open_grid(path: Path) -> OccupancyGrid:
+    """An occupancy grid."""
     try:
-        return ReferenceSet.from_occupancy_grid(read_occupancy_grid(path), config)
+        return read_occupancy_grid(path)
     except OccupancyGridError as error:
         raise CommandError(str(error)) from None
+
+
+def _references_of_grid(path: Path, config: FeatureConfig) -> ReferenceSet:
+    """What a laser would see from places that cover the floor of a grid."""
+    grid = open_grid(path)
+    try:
+        return ReferenceSet.from_occupancy_grid(grid, config)
     except ValueError as error:
         raise CommandError(f"{path}: {error}") from None
 

@@ -3,6 +3,8 @@ import json
 import numpy as np
 import pytest
 
+from aprjax.grid.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
+from aprjax.io.occupancy_grid import write_occupancy_grid
 from aprjax.io.reference_file import save_references
 from aprjax.references import ReferenceSet
 from aprjax.world.model import WorldModel
@@ -88,6 +90,18 @@ def test_a_map(tmp_path, command):
     assert facts["kind"] == "map file"
     assert (facts["nodes"], facts["parts"], facts["arcs"]) == ("3", "2", "1")
     assert (facts["length m"], facts["references"], facts["cycles torn"]) == ("3.0", "0", "0")
+
+
+def test_a_grid(tmp_path, command):
+    cells = np.full((4, 6), FREE)
+    cells[0] = OCCUPIED
+    write_occupancy_grid(
+        OccupancyGrid.make(cells, 0.5, [1.0, -2.0, np.pi / 2]), tmp_path / "g.yaml"
+    )
+    facts = facts_of(command("info", tmp_path / "g.yaml")[1])
+    assert facts["kind"] == "occupancy grid"
+    assert (facts["cells"], facts["size m"], facts["origin"]) == ("6 x 4", "3.00 x 2.00", "1 -2 90")
+    assert (facts["free m2"], facts["occupied m2"]) == ("4.5", "1.5")
 
 
 @pytest.mark.parametrize(

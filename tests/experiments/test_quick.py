@@ -35,7 +35,18 @@ class Expected(NamedTuple):
     figures: tuple[Within, ...]
 
 
+ALL = (("split", "mean"), ("references", "all"))
+THOUSAND = (("references", "1000"),)
 EXPECTED = {
+    "worked_example": Expected(
+        ("configuration.json", "worked_example.png", "correspondences.csv"),
+        (
+            Within("worked_example.csv", "maximum", 3, 3),
+            Within("worked_example.csv", "rotation_deg", 29.9, 30.1),
+            Within("worked_example.csv", "wrong_in_peak", 0, 0),
+            Within("worked_example.csv", "error_m", 0.0, 1e-4),
+        ),
+    ),
     "anchors": Expected(
         ("configuration.json", "figure1.png"),
         (
@@ -52,6 +63,30 @@ EXPECTED = {
             Within("table.csv", "correct", 35, 70, (("references aligned", "top 1"),)),
             Within("table.csv", "correct", 110, 140, (("references aligned", "all references"),)),
             Within("table.csv", "false", 0, 1),
+        ),
+    ),
+    "preselection": Expected(
+        ("configuration.json", "preselection.png"),
+        (
+            Within("preselection.csv", "first_5", 0.2, 0.5, (*ALL, ("measure", "c_m"))),
+            Within("preselection.csv", "first_5", 0.25, 0.5, (*ALL, ("measure", "q_m"))),
+            Within("preselection.csv", "first_5", 0.8, 1.0, (*ALL, ("measure", "votes"))),
+            Within("preselection.csv", "first_5", 0.8, 1.0, (*ALL, ("measure", "signature"))),
+        ),
+    ),
+    "million": Expected(
+        ("configuration.json", "recall.png"),
+        (
+            Within("recall.csv", "first_64", 0.55, 0.8, (*THOUSAND, ("measure", "q_m"))),
+            Within("recall.csv", "first_64", 0.9, 1.0, (*THOUSAND, ("measure", "signature"))),
+        ),
+    ),
+    "all_against_all": Expected(
+        ("configuration.json", "all_against_all.png", "curves.csv"),
+        (
+            Within("all_against_all.csv", "oracle", 0.55, 0.75),
+            Within("all_against_all.csv", "quality", 0.5, 0.75),
+            Within("all_against_all.csv", "anchors", 0.3, 0.5),
         ),
     ),
     "ablations": Expected(
