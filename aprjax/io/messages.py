@@ -23,6 +23,7 @@ _OLD_LASERS = {
 }
 FARTHEST = 1e15
 """Of poses and stamps: differences and sums of what is not larger are finite."""
+_NARROWEST = 1e-6  # radians that the readings of a line cover
 OTHER_KINDS = ("ODOM", "PARAM", "VERTEX2", "EDGE2", "TRUEPOS", "SYNC")
 
 
@@ -79,7 +80,7 @@ def _old_sweep(kind: str, words: list[str], params: dict[str, float]) -> Sweep:
     _expect(words, 2 + n + 9)
     name, turn = _OLD_LASERS[kind], max(n - 1, 1)
     resolution = params.get(f"laser_{name}_resolution", 0.0)
-    if not 0 < resolution * turn <= 360:
+    if not math.degrees(_NARROWEST) < resolution * turn <= 360:
         resolution = 180 / (turn if n % 2 else n)
     return Sweep(
         ranges=_numbers(words[2 : 2 + n]),
@@ -103,7 +104,7 @@ def _sweep(words: list[str], *, robot: bool) -> Sweep:
     tail = 10 + n + m
     _expect(words, tail + (14 if robot else 3))
     start, _, resolution, maximum = _numbers(words[2:6]).tolist()
-    if not (abs(start) <= 2 * math.pi and 1e-6 < abs(resolution) * max(n - 1, 1) <= 6.29):
+    if not (abs(start) <= 2 * math.pi and _NARROWEST < abs(resolution) * max(n - 1, 1) <= 6.29):
         raise ValueError(f"{n} readings from {start} rad at {resolution} rad are no field of view")
     return Sweep(
         ranges=_numbers(words[9 : 9 + n]),

@@ -112,6 +112,7 @@ def test_angles_come_from_start_and_resolution_whatever_the_field_of_view(write)
         (721, (), 0.25),
         (90, (), 2),
         (1, (), 180),
+        (1, [("laser_front_laser_resolution", 1e-309)], 180),
         (181, [("laser_front_laser_resolution", 0.5)], 0.5),
         (180, [("laser_frontlaser_resolution", 0.25)], 0.25),
         (361, [("laser_front_laser_resolution", 50)], 0.5),
