@@ -13,7 +13,7 @@ from aprjax.cli.inputs import (
     read_scans,
     warn_of_damage,
 )
-from aprjax.cli.outputs import check_output, shown
+from aprjax.cli.outputs import check_output, shown_path
 from aprjax.explanation.report import explain
 from aprjax.matcher import MatchConfig
 
@@ -73,6 +73,7 @@ def run(arguments: argparse.Namespace) -> None:
         config = MatchConfig(top_k=arguments.top_k, cascade=not arguments.no_cascade)
     except ValueError as error:
         raise CommandError(str(error)) from None
+    names = [shown_path(file.name) for file in (arguments.queries, path)]
     try:
         text = explain(
             queries[number],
@@ -80,7 +81,7 @@ def run(arguments: argparse.Namespace) -> None:
             config,
             exclude=own,
             about=arguments.about,
-            title=f"{shown(arguments.queries.name)}, scan {number}, in {shown(path.name)}",
+            title=f"{names[0]}, scan {number}, in {names[1]}",
         )
     except ValueError as error:
         raise CommandError(f"{path}: {error}") from None

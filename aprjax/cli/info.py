@@ -20,7 +20,7 @@ from aprjax.cli.inputs import (
     read_entries,
 )
 from aprjax.cli.map import map_facts, open_map
-from aprjax.cli.outputs import shown
+from aprjax.cli.outputs import shown_path
 from aprjax.io.bag_file import Topic, bag_topics, is_bag
 from aprjax.io.log import LogError, LogReport
 from aprjax.io.reference_file import VERSION
@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace) -> None:
         facts = _map_facts(path)
     else:
         facts = _reference_facts(path)
-    facts = {"file": shown(path), **facts}
+    facts = {"file": shown_path(path), **facts}
     if arguments.json:
         print(json.dumps(facts, indent=2))
     else:

@@ -21,7 +21,7 @@ def check_outputs(paths: Iterable[Path | None], *inputs: Path) -> None:
         seen.add(target)
 
 
-def shown(path: str | Path) -> str:
+def shown_path(path: str | Path) -> str:
     """A path as text that any file can hold: names need not be Unicode."""
     return os.fsencode(path).decode(errors="replace")
 

@@ -21,7 +21,7 @@ from aprjax.cli.inputs import (
     reference_topic,
     warn_of_damage,
 )
-from aprjax.cli.outputs import make_folder, shown
+from aprjax.cli.outputs import make_folder, shown_path
 from aprjax.cli.progress import Progress
 from aprjax.cli.sweep_table import write_curves, write_figures, write_rows
 from aprjax.configuration import to_dict
@@ -138,9 +138,9 @@ def run(arguments: argparse.Namespace) -> None:
         "aprjax": _version(),
         "jax": jax.__version__,
         "backend": jax.default_backend(),
-        "references": {"path": shown(arguments.references), "scans": len(references)},
-        "queries": {"path": shown(arguments.queries), "scans": len(mapped)},
-        "mapped": shown(arguments.mapped)
+        "references": {"path": shown_path(arguments.references), "scans": len(references)},
+        "queries": {"path": shown_path(arguments.queries), "scans": len(mapped)},
+        "mapped": shown_path(arguments.mapped)
         if arguments.mapped
         else "within 2 m and 40° of a reference",
         "false_rate": arguments.false_rate,

@@ -21,7 +21,7 @@ from aprjax.grid.occupancy_grid import (
     OccupancyGrid,
 )
 from aprjax.numerics import arctan2, bucket, single_precision
-from aprjax.scan import Scan
+from aprjax.scan import Scan, as_stack
 from aprjax.se2 import Pose
 
 # Share of the scans of a cell that end in it, from which on it is occupied: surfaces are thinner
@@ -50,9 +50,9 @@ def grid_from_scans(
     sense, for a reach of over 4000 cells, for scans without a hit within it, and where the poses
     lie so far apart that the grid would have over 2²⁸ cells, or twice as many within reach.
     """
-    scans = scans if isinstance(scans, Scan) else Scan.stack(scans)
+    scans = as_stack(scans, "scans")
     poses = np.asarray(T_world_laser, float)
-    if np.ndim(scans.ranges) != 2 or poses.shape != (len(scans.ranges), 3):
+    if poses.shape != (len(scans.ranges), 3):
         raise ValueError(
             f"T_world_laser: shape {poses.shape} does not fit ranges {np.shape(scans.ranges)}"
         )

@@ -6,7 +6,7 @@ import jax
 import pytest
 
 from aprjax.cli import info
-from aprjax.cli.outputs import shown
+from aprjax.cli.outputs import shown_path
 from aprjax.programs import keep_traces
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -54,7 +54,7 @@ def test_what_nothing_had_refused_is_one_line_too(command, logs, monkeypatch):
 
 def test_names_that_are_not_unicode_are_shown_and_written(command, tmp_path):
     name = os.fsdecode(b"\xff.log.gz")
-    assert shown(tmp_path / name).endswith("\ufffd.log.gz")
+    assert shown_path(tmp_path / name).endswith("\ufffd.log.gz")
     status, _, err = command("info", tmp_path / name)
     assert status == 1
     assert "No such file" in err
