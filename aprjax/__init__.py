@@ -225,6 +225,7 @@ __all__ = [  # noqa: RUF022
     "metrics",
     "numerics",
     "places",
+    "plane",
     "plot",
     "programs",
     "references",

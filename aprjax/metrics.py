@@ -9,10 +9,13 @@ import numpy as np
 from aprjax.anchors.candidates import Kind
 from aprjax.anchors.extract import Anchors
 from aprjax.matcher import MatchResult
+from aprjax.plane import compose, distance, inverse, transform, wrap
 from aprjax.scan import Scan
 
 RIGHT_DISTANCE, RIGHT_ANGLE = 0.5, np.radians(10)
 """A hypothesis is right within these of the true pose, in metres and radians."""
+NEAR_DISTANCE, NEAR_ANGLE = 2.0, np.radians(40)
+"""A reference shows a query's place up to these between their true poses, likewise."""
 
 
 def repeatability(
@@ -49,15 +52,12 @@ def reappearing(
     """
     xy_a, valid_a = np.asarray(anchors_a.xy, float), np.asarray(anchors_a.valid)
     xy_b = np.asarray(anchors_b.xy, float)[np.asarray(anchors_b.valid)]
-    cos, sin = np.cos(T_a_b[2]), np.sin(T_a_b[2])
-    R_a_b = np.array([[cos, -sin], [sin, cos]])
-
-    gap = xy_a[:, None] - (T_a_b[:2] + xy_b @ R_a_b.T)
+    gap = xy_a[:, None] - transform(T_a_b, xy_b)
     near = np.any(np.hypot(gap[..., 0], gap[..., 1]) <= radius, axis=1)
     counted = valid_a
     if scan_b is not None:
         virtual = np.asarray(anchors_a.kind) == Kind.VIRTUAL_EDGE
-        counted = valid_a & (virtual | _visible((xy_a - T_a_b[:2]) @ R_a_b, scan_b))
+        counted = valid_a & (virtual | _visible(transform(inverse(T_a_b), xy_a), scan_b))
     return counted, counted & near
 
 
@@ -82,32 +82,24 @@ def world_poses(result: MatchResult, ids: np.ndarray, T_world_ref: np.ndarray) -
     `T_world_ref` `(references, 3)`. Hypotheses that are not valid have poses that mean nothing.
     """
     row = np.minimum(np.searchsorted(ids, np.asarray(result.reference)), len(ids) - 1)
-    x, y, theta = np.moveaxis(np.asarray(result.T_ref_query, float), -1, 0)
-    ref = T_world_ref[row]
-    cos, sin = np.cos(ref[..., 2]), np.sin(ref[..., 2])
-    moved = [cos * x - sin * y, sin * x + cos * y, theta]
-    return ref + np.stack(moved, axis=-1)
-
-
-def relative(T_world_a: np.ndarray, T_world_b: np.ndarray) -> np.ndarray:
-    """`T_a_b` of poses `(..., 3)` in metres and radians; leading axes broadcast."""
-    dx, dy, turn = np.moveaxis(T_world_b - T_world_a, -1, 0)
-    cos, sin = np.cos(T_world_a[..., 2]), np.sin(T_world_a[..., 2])
-    turn = (turn + np.pi) % (2 * np.pi) - np.pi
-    return np.stack([cos * dx + sin * dy, cos * dy - sin * dx, turn], axis=-1)
+    return compose(T_world_ref[row], np.asarray(result.T_ref_query, float))
 
 
 def deviations(poses: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Distances in metres and turns in radians between poses `(..., 3)` of one frame."""
-    gap = np.hypot(poses[..., 0] - truth[..., 0], poses[..., 1] - truth[..., 1])
-    turn = poses[..., 2] - truth[..., 2]
-    return gap, np.abs((turn + np.pi) % (2 * np.pi) - np.pi)
+    return distance(poses - truth), np.abs(wrap(poses[..., 2] - truth[..., 2]))
 
 
 def is_right(poses: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """Which poses `(..., 3)` are within `RIGHT_DISTANCE` and `RIGHT_ANGLE` of the truth."""
     gap, turn = deviations(poses, truth)
     return (gap < RIGHT_DISTANCE) & (turn < RIGHT_ANGLE)
+
+
+def is_near(T_world_a: np.ndarray, T_world_b: np.ndarray) -> np.ndarray:
+    """Which scans taken at poses `(..., 3)` show one place: `NEAR_DISTANCE` and `NEAR_ANGLE`."""
+    gap, turn = deviations(T_world_a, T_world_b)
+    return (gap < NEAR_DISTANCE) & (turn < NEAR_ANGLE)
 
 
 @dataclass(frozen=True)

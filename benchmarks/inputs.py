@@ -7,11 +7,10 @@ import jax
 import numpy as np
 
 import aprjax
-from aprjax.metrics import relative
+from aprjax.metrics import NEAR_ANGLE, NEAR_DISTANCE
+from aprjax.plane import distance, relative
 from benchmarks.workload import Skipped
 from experiments.data import Split, data_root, read_split
-
-NEAR_DISTANCE, NEAR_ANGLE = 2.0, np.radians(40)  # of a reference that shows the query's place
 
 
 @cache
@@ -39,7 +38,7 @@ def true_pairs(from_: Split, count: int) -> Iterator[tuple[int, int, np.ndarray]
     Of each query the reference taken nearest to it, of those turned less than `NEAR_ANGLE`.
     """
     T_ref_query = relative(from_.T_world_ref[:, None], from_.T_world_query[None])
-    gap = np.hypot(T_ref_query[..., 0], T_ref_query[..., 1])
+    gap = distance(T_ref_query)
     gap[np.abs(T_ref_query[..., 2]) > NEAR_ANGLE] = np.inf
     able = np.flatnonzero(from_.mapped & (gap.min(axis=0) < NEAR_DISTANCE))
     for query in able[np.linspace(0, len(able) - 1, count).astype(int)].tolist():

@@ -11,9 +11,11 @@ import aprjax
 from aprjax.features import describe
 from aprjax.metrics import deviations
 from aprjax.sweeping.axes import thresholds
+from aprjax.tracking.belief import Situation
 from benchmarks import correlative, fresh, numpy_extraction, numpy_pipeline
 from benchmarks.inputs import end_points, some, split, true_pairs
 from benchmarks.timing import timed
+from benchmarks.tracked import drive
 from benchmarks.workload import Metric, Samples, Workload
 
 BATCHES = ("freiburg-079.revisit", "freiburg-079.interleaved", "fhw.revisit", "intel.interleaved")
@@ -52,6 +54,16 @@ def single(count: int, quick: bool) -> Samples:
     calls = CALLS // 10 if quick else CALLS
     seconds = timed(lambda k: aprjax.match(each[k % len(each)], references), calls, warm_up=10)
     return Samples(1e3 * seconds)
+
+
+def tracking(quick: bool) -> Samples:
+    """Step after step of the default tracker; noted how often it then knows where it is."""
+    scans = split(INTEL)
+    step, situations = drive(scans), []
+    calls = 100 if quick else len(scans.T_world_query)
+    seconds = timed(lambda k: situations.append(step(k).situation), calls, warm_up=10)
+    tracked = situations.count(Situation.TRACKING) / len(situations)
+    return Samples(1e3 * seconds, f"tracked in {100 * tracked:.0f} % of the steps")
 
 
 def extraction(quick: bool) -> Samples:
@@ -164,6 +176,13 @@ WORKLOADS = (
             partial(single, count),
         )
         for count in (FEW, 225)
+    ),
+    Workload(
+        "tracker",
+        "one step of the hypothesis tracker, everything included, against 225 references",
+        "ms a step",
+        (Metric("median", 0.5, 0.15), Metric("99th percentile", 0.99, 0.5)),
+        tracking,
     ),
     Workload("extraction", f"features of {CHUNK} scans", "µs per scan", median(0.15), extraction),
     Workload("references", "building a reference set", "µs per scan", median(0.2), building),

@@ -27,71 +27,53 @@ ROOT = Path(__file__).resolve().parents[1]
 
 @dataclass(frozen=True)
 class Experiment:
-    """A script, and what it is told."""
+    """A command, and what it is told."""
 
     what: str
-    script: tuple[str, ...]
     quick: tuple[str, ...] = ("--quick",)
+    command: tuple[str, ...] | None = None
+    """The first words after the interpreter; None runs the module here of the experiment's name."""
 
-    def command(self, out: Path, quick: bool) -> list[str]:
-        """The words after the interpreter."""
-        return [*self.script, "--out", str(out), *(self.quick if quick else ())]
-
-
-def _file(name: str) -> tuple[str, ...]:
-    return (f"experiments/{name}.py",)
+    def words(self, name: str, out: Path, quick: bool) -> list[str]:
+        """All words after the interpreter."""
+        command = self.command or ("-m", f"experiments.{name}")
+        return [*command, "--out", str(out), *(self.quick if quick else ())]
 
 
 EXPERIMENTS = {
-    "worked_example": Experiment("Fig. 2 of the paper", _file("worked_example")),
-    "anchors": Experiment("Fig. 1, and how repeatable anchors are", _file("anchors")),
+    "worked_example": Experiment("Fig. 2 of the paper"),
+    "anchors": Experiment("Fig. 1, and how repeatable anchors are"),
     "lab": Experiment(
         "Fig. 3 and the numbers of 2.E in a simulated lab",
-        ("-m", "aprjax.cli.main", "demo"),
         ("--scans", "140"),
+        ("-m", "aprjax.cli.main", "demo"),
     ),
-    "real_logs": Experiment("the same on real logs", _file("real_logs")),
-    "preselection": Experiment("which references come first (2.B)", _file("preselection")),
-    "signature": Experiment(
-        "what tells places apart, for signatures",
-        ("-m", "experiments.signature"),
-    ),
-    "million": Experiment(
-        "the same for up to a million references, and what a query costs",
-        ("-m", "experiments.million"),
-    ),
-    "ablations": Experiment("what each part is worth", _file("ablations")),
-    "scaling": Experiment("time over references, anchors and beams", ("-m", "experiments.scaling")),
-    "all_against_all": Experiment(
-        "the FLIRT protocol: every scan against every other", _file("all_against_all")
-    ),
-    "cascade": Experiment("what the shortlist loses", _file("cascade")),
-    "defaults": Experiment(
-        "what each default is worth", _file("defaults"), ("--quick", "--stride", "16")
-    ),
-    "robustness": Experiment("noise, changes, view, distance", _file("robustness")),
-    "pose_error": Experiment("errors of poses, and their covariances", _file("pose_error")),
-    "calibration": Experiment("the probability of being right", _file("calibration")),
-    "clutter": Experiment("the simulated lab beside real logs", _file("clutter")),
-    "occupancy_grid": Experiment("localization in a grid map", _file("occupancy_grid")),
-    "maps": Experiment("Fig. 4 and 6 on real logs", _file("maps")),
-    "office": Experiment("world models of simulated offices", _file("office")),
-    "tracks": Experiment("localization on real drives", _file("tracks")),
-    "course": Experiment("Fig. 7 and 4.B in simulation", _file("course")),
-    "volume": Experiment("Fig. 5, and what volumes hold, in simulation", _file("volume")),
-    "kidnappings": Experiment("the kidnapped robot in simulation", _file("kidnappings")),
-    "soak": Experiment("a day of tracking with sources that fail", _file("soak")),
-    "determinism": Experiment(
-        "every command twice, compared", _file("determinism"), ("info", "match", "map show")
-    ),
-    "kills": Experiment("processes killed while they write", _file("kills"), ("--kills", "2")),
-    "idc": Experiment("iterative dual correspondence", _file("idc")),
-    "scan_classifier": Experiment(
-        "classes of real scans", _file("scan_classifier"), ("--seeds", "1")
-    ),
-    "image_classifier": Experiment(
-        "classes of simulated images", _file("image_classifier"), ("--floors", "1")
-    ),
+    "real_logs": Experiment("the same on real logs"),
+    "preselection": Experiment("which references come first (2.B)"),
+    "signature": Experiment("what tells places apart, for signatures"),
+    "million": Experiment("the same for up to a million references, and what a query costs"),
+    "ablations": Experiment("what each part is worth"),
+    "scaling": Experiment("time over references, anchors and beams"),
+    "all_against_all": Experiment("the FLIRT protocol: every scan against every other"),
+    "cascade": Experiment("what the shortlist loses"),
+    "defaults": Experiment("what each default is worth", ("--quick", "--stride", "16")),
+    "robustness": Experiment("noise, changes, view, distance"),
+    "pose_error": Experiment("errors of poses, and their covariances"),
+    "calibration": Experiment("the probability of being right"),
+    "clutter": Experiment("the simulated lab beside real logs"),
+    "occupancy_grid": Experiment("localization in a grid map"),
+    "maps": Experiment("Fig. 4 and 6 on real logs"),
+    "office": Experiment("world models of simulated offices"),
+    "tracks": Experiment("localization on real drives"),
+    "course": Experiment("Fig. 7 and 4.B in simulation"),
+    "volume": Experiment("Fig. 5, and what volumes hold, in simulation"),
+    "kidnappings": Experiment("the kidnapped robot in simulation"),
+    "soak": Experiment("a day of tracking with sources that fail"),
+    "determinism": Experiment("every command twice, compared", ("info", "match", "map show")),
+    "kills": Experiment("processes killed while they write", ("match", "build", "--kills", "2")),
+    "idc": Experiment("iterative dual correspondence"),
+    "scan_classifier": Experiment("classes of real scans", ("--seeds", "1")),
+    "image_classifier": Experiment("classes of simulated images", ("--floors", "1")),
 }
 
 
@@ -121,7 +103,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name in names:
         print(f"{name} …", file=sys.stderr, flush=True)
         began = time.monotonic()
-        statuses[name] = run(EXPERIMENTS[name], chosen.out / name, chosen.quick)
+        statuses[name] = run(name, chosen.out / name, chosen.quick)
         seconds[name] = time.monotonic() - began
         write_manifest(chosen.out, statuses, seconds, chosen.quick)
     failed = [name for name, status in statuses.items() if status]
@@ -130,13 +112,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 1 if failed else 0
 
 
-def run(experiment: Experiment, out: Path, quick: bool) -> int:
+def run(name: str, out: Path, quick: bool) -> int:
     """One experiment; its exit status. What it prints goes to a file."""
     out.mkdir(parents=True, exist_ok=True)
     path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
     with (out / "output.txt").open("wb") as file:
         return subprocess.run(
-            [sys.executable, *experiment.command(out.resolve(), quick)],
+            [sys.executable, *EXPERIMENTS[name].words(name, out.resolve(), quick)],
             stdout=file,
             stderr=subprocess.STDOUT,
             env={**os.environ, "PYTHONPATH": path},
@@ -158,7 +140,7 @@ def write_manifest(
         },
         "experiments": {
             name: {
-                "command": EXPERIMENTS[name].command(Path(name), quick),
+                "command": EXPERIMENTS[name].words(name, Path(name), quick),
                 "status": status,
                 "files": sorted(path.name for path in (folder / name).iterdir()),
             }

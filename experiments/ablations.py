@@ -1,6 +1,6 @@
 """What each part of the method is worth: one left out at a time, on real logs.
 
-    python experiments/ablations.py --out DIR [--quick] [--stride N] [SPLIT ...]
+    python -m experiments.ablations --out DIR [--quick] [--stride N] [SPLIT ...]
 
 Each split (see `data.py` for where) is matched with all references by the defaults, and with one
 thing changed:
@@ -32,10 +32,8 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from data import Split, read_split
 from jaxtyping import Array, Bool, Float, Int
 from matplotlib.figure import Figure
-from outputs import print_table, write_configuration, write_figure, write_table
 
 import aprjax
 from aprjax.evaluation.congruence import both_ways, quality, sees
@@ -45,6 +43,8 @@ from aprjax.metrics import best_answers
 from aprjax.references import ReferenceIndex
 from aprjax.se2 import Pose, inverse
 from aprjax.sweeping.axes import configured
+from experiments.data import Split, read_split
+from experiments.outputs import print_table, write_configuration, write_figure, write_table
 
 SPLITS = ("freiburg-079.revisit", "fhw.revisit", "aces.interleaved", "belgioioso.interleaved")
 FALSE = 0.002

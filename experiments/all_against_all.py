@@ -1,6 +1,6 @@
 """Every scan of a log against every other: the protocol of the FLIRT and FALKO papers.
 
-    python experiments/all_against_all.py --out DIR [--quick] [LOG ...]
+    python -m experiments.all_against_all --out DIR [--quick] [LOG ...]
 
 The pose graphs with scans (`*.graph.log.gz` of the data, see `data.py` for where): each scan is a
 query, and all others are references. An answer is right within 0.5 m and 0.2 rad of the poses of
@@ -24,14 +24,14 @@ from typing import Any
 
 import jax
 import numpy as np
-from data import data_root
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from outputs import print_table, write_configuration, write_figure, write_table
 
 import aprjax
 from aprjax.metrics import deviations, world_poses
 from aprjax.shortlist import ShortlistConfig
+from experiments.data import data_root
+from experiments.outputs import print_table, write_configuration, write_figure, write_table
 
 RIGHT_DISTANCE, RIGHT_ANGLE = 0.5, 0.2  # metres and radians
 KEPT = ShortlistConfig().kept

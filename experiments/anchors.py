@@ -1,6 +1,6 @@
 """Figure 1 of the paper on real scans, and how repeatable the anchors are.
 
-    python experiments/anchors.py --out DIR [--quick]
+    python -m experiments.anchors --out DIR [--quick]
 
 Reads corrected logs (see `data.py` for where). Writes `figure1.png`, `repeatability.csv`,
 `scans.csv` and `configuration.json` into DIR.
@@ -13,19 +13,20 @@ from pathlib import Path
 
 import jax
 import numpy as np
-from data import corrected_log
 from matplotlib.figure import Figure
-from outputs import print_table, write_configuration, write_figure, write_table
 
 import aprjax
 from aprjax.anchors.candidates import Kind
 from aprjax.anchors.extract import Anchors, ExtractionConfig, choose_anchors
 from aprjax.anchors.segment import segment
 from aprjax.anchors.surface import surface
-from aprjax.metrics import reappearing, relative
+from aprjax.metrics import reappearing
+from aprjax.plane import relative
 from aprjax.plot.anchors import draw_anchors
 from aprjax.plot.scan import draw_scan
 from aprjax.relations.graph import anchor_graph
+from experiments.data import corrected_log
+from experiments.outputs import print_table, write_configuration, write_figure, write_table
 
 FIGURE = (("freiburg-079", 117), ("fhw", 54), ("intel", 364))
 LOGS = ("freiburg-079", "intel")

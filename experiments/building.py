@@ -12,11 +12,12 @@ import networkx as nx
 import numpy as np
 
 import aprjax
+from aprjax.plane import compose, relative, transform, wrap
 from aprjax.sim.floor_plan import FloorPlan, office
 from aprjax.sim.furniture import Piece
 from aprjax.sim.laser import Laser
 from aprjax.sim.odometry import odometry
-from aprjax.sim.plane import compose, overlap, relative, transform, transform_rectangle, wrap
+from aprjax.sim.rectangle import overlap, transform_rectangle
 from aprjax.sim.routes import point_in, route
 from aprjax.sim.run import Run, simulate
 from aprjax.sim.walls import Door, Feature, outline

@@ -1,6 +1,6 @@
 """The probability of being right, fitted to simulated floors.
 
-    python experiments/calibration.py --out DIR [--quick]
+    python -m experiments.calibration --out DIR [--quick]
 
 Logistic regression over ln e_m of the best hypotheses on the simulated floors of seeds 10 to 15
 (none of them is the demo's), a quarter of the weight on scans of another floor, which no
@@ -17,12 +17,12 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from outputs import print_table, write_configuration, write_figure, write_table
 
 import aprjax
 from aprjax.evaluation.probability import ProbabilityConfig
 from aprjax.metrics import is_right, world_poses
 from aprjax.sim.lab import lab
+from experiments.outputs import print_table, write_configuration, write_figure, write_table
 
 SEEDS = range(10, 16)
 STRANGE = 0.25  # share of scans that no reference shows

@@ -1,6 +1,6 @@
 """What the cascade loses: every alternative fully evaluated, or those that a shortlist keeps.
 
-    python experiments/cascade.py --out DIR [--quick] [--stride N] [SPLIT ...]
+    python -m experiments.cascade --out DIR [--quick] [--stride N] [SPLIT ...]
 
 For each split (see `data.py` for where) every fourth query is matched with all references, once
 with `MatchConfig(cascade=True)` and once with `cascade=False`. Prints, and writes into DIR,
@@ -18,12 +18,18 @@ from pathlib import Path
 
 import jax
 import numpy as np
-from data import Split, read_split, split_names
 from matplotlib.figure import Figure
-from outputs import grouped_bars, print_table, write_configuration, write_figure, write_table
 
 import aprjax
 from aprjax.metrics import deviations, is_right, score_matches, world_poses
+from experiments.data import Split, read_split, split_names
+from experiments.outputs import (
+    grouped_bars,
+    print_table,
+    write_configuration,
+    write_figure,
+    write_table,
+)
 
 SAME_DISTANCE, SAME_ANGLE = 0.1, np.radians(2)  # metres and radians between poses that are one
 

@@ -1,6 +1,6 @@
 """How cluttered the simulated lab is, beside real logs.
 
-    python experiments/clutter.py --out DIR [--quick]
+    python -m experiments.clutter --out DIR [--quick]
 
 One row for each real log and each of the lab's seeds 0 to 4: anchors per scan, how many of them
 reappear within 0.1 m in another scan of the same place (within 1 m and 30°), and the share of the
@@ -14,11 +14,19 @@ import sys
 from pathlib import Path
 
 from anchors import RADIUS, WITHIN, Described, describe, read, repeatability_rows, scan_row
-from data import corrected_log
 from matplotlib.figure import Figure
-from outputs import BLUE, DARK, LIGHT, print_table, write_configuration, write_figure, write_table
 
 from aprjax.sim.lab import lab
+from experiments.data import corrected_log
+from experiments.outputs import (
+    BLUE,
+    DARK,
+    LIGHT,
+    print_table,
+    write_configuration,
+    write_figure,
+    write_table,
+)
 
 LOGS = ("intel", "fhw", "aces", "belgioioso", "csail", "freiburg-079")
 SEEDS = range(5)

@@ -1,6 +1,6 @@
 """The paper's test course (4.B) in simulation, with and without the image classifier.
 
-`python experiments/course.py --out DIR [--buildings N] [--first SEED] [--quick]`
+`python -m experiments.course --out DIR [--buildings N] [--first SEED] [--quick]`
 
 In each of five simulated buildings of 50 x 70 m, a mapping run goes once round; 53 of its scans
 become references, none of them in the middle of the two long corridors, where all doors are shut
@@ -24,7 +24,27 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from building import (
+from matplotlib.figure import Figure
+
+import aprjax
+from aprjax.metrics import deviations, is_right
+from aprjax.places.classifier import ViewClassifier
+from aprjax.places.features import image_features
+from aprjax.plane import compose
+from aprjax.plot.hypotheses import draw_hypotheses
+from aprjax.sim.camera import Camera, take_images
+from aprjax.sim.lab import choose_references
+from aprjax.sim.laser import Laser
+from aprjax.sim.run import Run
+from aprjax.sim.textures import Textures
+from aprjax.tracking.apr import MatchedSource
+from aprjax.tracking.belief import Belief
+from aprjax.tracking.classes import image_source, register_images
+from aprjax.tracking.odometry import WheelOdometry
+from aprjax.tracking.replay import matched
+from aprjax.tracking.validation import IdcSource
+from aprjax.world.super_space import assemble
+from experiments.building import (
     RANGE,
     Building,
     building,
@@ -35,27 +55,7 @@ from building import (
     poses_along,
     recorded,
 )
-from matplotlib.figure import Figure
-from outputs import print_table, write_configuration, write_figure, write_table
-
-import aprjax
-from aprjax.metrics import deviations, is_right
-from aprjax.places.classifier import ViewClassifier
-from aprjax.places.features import image_features
-from aprjax.plot.hypotheses import draw_hypotheses
-from aprjax.sim.camera import Camera, take_images
-from aprjax.sim.lab import choose_references
-from aprjax.sim.laser import Laser
-from aprjax.sim.plane import compose
-from aprjax.sim.run import Run
-from aprjax.sim.textures import Textures
-from aprjax.tracking.apr import MatchedSource
-from aprjax.tracking.belief import Belief
-from aprjax.tracking.classes import image_source, register_images
-from aprjax.tracking.odometry import WheelOdometry
-from aprjax.tracking.replay import matched
-from aprjax.tracking.validation import IdcSource
-from aprjax.world.super_space import assemble
+from experiments.outputs import print_table, write_configuration, write_figure, write_table
 
 BUILDINGS, REFERENCES = 5, 53
 MAPPING_STEP, STEP = 0.3, 0.28  # metres between scans; the paper's cycles are as far apart

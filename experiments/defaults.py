@@ -1,6 +1,6 @@
 """What each default is worth: every threshold and capacity halved and doubled.
 
-    python experiments/defaults.py --out DIR [--quick] [--stride N]
+    python -m experiments.defaults --out DIR [--quick] [--stride N]
 
 Walks `FeatureConfig` and `MatchConfig`; all else keeps its default. Four splits of real logs (see
 `data.py` for where) are matched with all references, every fourth query of them. One row for each
@@ -23,9 +23,13 @@ from typing import Any
 
 import jax
 import numpy as np
-from data import Split, read_split
 from matplotlib.figure import Figure
-from outputs import (
+
+import aprjax
+from aprjax.configuration import from_dict, to_dict
+from aprjax.metrics import score_matches
+from experiments.data import Split, read_split
+from experiments.outputs import (
     DARK,
     grouped_bars,
     print_table,
@@ -33,10 +37,6 @@ from outputs import (
     write_figure,
     write_table,
 )
-
-import aprjax
-from aprjax.configuration import from_dict, to_dict
-from aprjax.metrics import score_matches
 
 SPLITS = ("freiburg-079.revisit", "fhw.revisit", "aces.interleaved", "belgioioso.interleaved")
 FACTORS = {"halved": 0.5, "doubled": 2.0}

@@ -1,6 +1,6 @@
 """Every command twice, in processes of their own: identical files, measured times apart.
 
-    python experiments/determinism.py --out DIR [COMMAND ...]
+    python -m experiments.determinism --out DIR [COMMAND ...]
 
 The first run of a command compiles, the second takes what the first has compiled. What a command
 prints is compared as its files are, bit by bit: tables, maps, pages, PNG and GIF. Times stand in
@@ -15,7 +15,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from outputs import print_table, write_configuration, write_table
+from experiments.outputs import print_table, write_configuration, write_table
 
 _SWEEP = ("--set", "congruence.tolerance=0.04:0.08:2", "--set", "voting.length=0.06:0.12:2")
 

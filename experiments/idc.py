@@ -1,6 +1,6 @@
 """Iterative dual correspondence on real logs: how far from the truth it ends.
 
-`python experiments/idc.py --out DIR [--quick]`
+`python -m experiments.idc --out DIR [--quick]`
 
 Pairs of a reference and a query that overlap by half: of the hits of either scan, at least half
 lie within 0.1 m of the other's surface at the true pose. Up to 60 pairs of each split, drawn by a
@@ -20,17 +20,26 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from data import Split, read_split, split_names
 from matplotlib.figure import Figure
-from outputs import BLUE, DARK, LIGHT, print_table, write_configuration, write_figure, write_table
 
 import aprjax
 from aprjax.configuration import to_dict
 from aprjax.evaluation.view import View
-from aprjax.metrics import deviations, relative
+from aprjax.metrics import deviations
+from aprjax.plane import relative, transform
 from aprjax.refine import RefineConfig, refine
 from aprjax.se2 import compose
 from aprjax.tracking.idc import IdcConfig, idc
+from experiments.data import Split, read_split, split_names
+from experiments.outputs import (
+    BLUE,
+    DARK,
+    LIGHT,
+    print_table,
+    write_configuration,
+    write_figure,
+    write_table,
+)
 
 PAIRS = 60
 DISTANCE, ANGLE = 0.3, np.radians(10.0)  # of the starts from the truth
@@ -131,7 +140,8 @@ def pairs_of(split: Split, count: int) -> tuple[View, View, np.ndarray]:
     for q in rng.permutation(len(T_world_query)):
         off = np.hypot(*(T_world_ref - T_world_query[q])[:, :2].T)
         for r in rng.permutation(np.flatnonzero(off < FARTHEST))[:4]:
-            there, here = _at(T_world_ref[r], hits[0][r]), _at(T_world_query[q], hits[1][q])
+            there = transform(T_world_ref[r], hits[0][r])
+            here = transform(T_world_query[q], hits[1][q])
             if min(_overlap(there, here), _overlap(here, there)) >= OVERLAP:
                 chosen.append((r, q))
                 break
@@ -150,11 +160,6 @@ def _views(scans: aprjax.Scan, rows: np.ndarray) -> View:
 
 def _hits(scans: aprjax.Scan) -> list[np.ndarray]:
     return [xy[hit] for xy, hit in zip(np.asarray(scans.points, float), scans.hit, strict=True)]
-
-
-def _at(T_world_laser: np.ndarray, xy: np.ndarray) -> np.ndarray:
-    cos, sin = np.cos(T_world_laser[2]), np.sin(T_world_laser[2])
-    return T_world_laser[:2] + xy @ np.array([[cos, sin], [-sin, cos]])
 
 
 def _overlap(xy: np.ndarray, other: np.ndarray, jump: float = 0.5) -> float:

@@ -1,6 +1,6 @@
 """The image classifier in simulation: are a second drive's images of the classes of their places?
 
-`python experiments/image_classifier.py --out DIR [--floors N]`
+`python -m experiments.image_classifier --out DIR [--floors N]`
 
 On each simulated floor, a camera takes 600 images of a mapping drive of five minutes; growing
 neural gas of 150 neurons sorts them into classes. Then 300 images of another drive, in other light,
@@ -19,7 +19,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from outputs import print_table, write_configuration, write_figure, write_table
 from scan_classifier import draw, with_mean
 
 from aprjax.places.classifier import ViewClassifier
@@ -30,6 +29,7 @@ from aprjax.sim.camera import Camera, take_images
 from aprjax.sim.drive import drive
 from aprjax.sim.floor_plan import office
 from aprjax.sim.textures import Textures
+from experiments.outputs import print_table, write_configuration, write_figure, write_table
 
 MAPPING, SECOND = (600, 0.5), (300, 1.0)  # images, and seconds between them
 REARRANGED = 0.25  # share of the movable things that stand elsewhere in the second drive

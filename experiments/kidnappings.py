@@ -1,6 +1,6 @@
 """Kidnapped to random places in simulation, hypotheses beside a particle filter.
 
-`python experiments/kidnappings.py --out DIR [--buildings N] [--first SEED] [--quick]`
+`python -m experiments.kidnappings --out DIR [--buildings N] [--first SEED] [--quick]`
 
 In each of five simulated buildings of 50 x 70 m, a mapping run goes once round in either direction;
 its scans 1.5 m or 40° apart are the references. Later, with other people about and a quarter of
@@ -21,7 +21,15 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from building import (
+from matplotlib.figure import Figure
+
+import aprjax
+from aprjax.metrics import is_right
+from aprjax.plane import compose
+from aprjax.sim.laser import Laser
+from aprjax.tracking.apr import MatchedSource
+from aprjax.tracking.replay import matched
+from experiments.building import (
     Building,
     building,
     entries_of,
@@ -33,16 +41,8 @@ from building import (
     recorded,
     spaced,
 )
-from matplotlib.figure import Figure
-from outputs import print_table, write_configuration, write_figure, write_table
-from particle_filter import LikelihoodField, ParticleFilter
-
-import aprjax
-from aprjax.metrics import is_right
-from aprjax.sim.laser import Laser
-from aprjax.sim.plane import compose
-from aprjax.tracking.apr import MatchedSource
-from aprjax.tracking.replay import matched
+from experiments.outputs import print_table, write_configuration, write_figure, write_table
+from experiments.particle_filter import LikelihoodField, ParticleFilter
 
 BUILDINGS, KIDNAPPINGS = 5, 40
 LENGTH, STEP = 10.0, 0.5  # metres driven after each, and between scans

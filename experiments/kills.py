@@ -1,6 +1,6 @@
 """Commands killed at random moments: what they had written stays, and nothing is half written.
 
-    python experiments/kills.py --out DIR [--kills N] [--seed N] [COMMAND ...]
+    python -m experiments.kills --out DIR [--kills N] [--seed N] [COMMAND ...]
 
 Simulates two runs, carries out each command (`match`, `exhaustive` for every scan of a run against
 every other, `build` for `map build`, `localize`, `sweep`) twice as a whole, and then kills N runs
@@ -22,9 +22,9 @@ from itertools import count
 from pathlib import Path
 
 import numpy as np
-from outputs import print_table, write_configuration, write_table
 
 from aprjax.io.archive import ArchiveError, read_archive
+from experiments.outputs import print_table, write_configuration, write_table
 
 _POLL = 2e-4  # seconds between two looks at what is written
 COMMANDS = ("match", "exhaustive", "build", "localize", "sweep")

@@ -11,9 +11,9 @@ from itertools import pairwise
 import networkx as nx
 import numpy as np
 
+from aprjax.plane import compose, distance, relative, wrap
 from aprjax.world.model import WorldModel
 from aprjax.world.motion import Motion
-from aprjax.world.plane import compose, distance, relative, wrap
 
 _WRONG, _WRONG_TURN = 1.0, np.radians(15)  # metres and radians from which a pose is false
 _AGAIN, _AGAIN_TURN = 1.5, np.radians(30)  # metres and radians within which a place is the same

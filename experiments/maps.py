@@ -1,6 +1,6 @@
 """World models of the real logs: how true they are, and what half the references cost.
 
-    python experiments/maps.py --out DIR [--stages DIR] [--timed] [--quick] [LOG ...]
+    python -m experiments.maps --out DIR [--stages DIR] [--timed] [--quick] [LOG ...]
 
 For each log (see `data.py` for where) a map is built from the scans and the raw odometry, by one
 set of defaults, and compared with the truth; then another whose references lie so much further
@@ -27,9 +27,6 @@ from pathlib import Path
 import equinox as eqx
 import jax
 import numpy as np
-from data import map_folder, map_names
-from map_scores import frame_rms, pair_errors, score_map
-from outputs import print_table, write_configuration, write_figure, write_table
 
 import aprjax
 from aprjax.atomic import atomic_write
@@ -44,6 +41,9 @@ from aprjax.world.motion import Motion, motion
 from aprjax.world.recognition import Sightings, sightings
 from aprjax.world.relax import relax
 from aprjax.world.smoothing import Measurements
+from experiments.data import map_folder, map_names
+from experiments.map_scores import frame_rms, pair_errors, score_map
+from experiments.outputs import print_table, write_configuration, write_figure, write_table
 
 QUICK = "belgioioso"
 SHOWN = (

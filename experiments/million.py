@@ -36,8 +36,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import aprjax
-from aprjax.metrics import is_right, relative
+from aprjax.metrics import is_near, is_right
 from aprjax.numerics import bucket
+from aprjax.plane import relative
 from aprjax.relations.histograms import EdgeHistogram, count_correspondences
 from aprjax.sim.floor_plan import FloorPlan, office
 from aprjax.sim.ray_casting import cast
@@ -51,7 +52,6 @@ QUERIES = 512
 AT_ONCE = 20  # floors made at a time
 FIRST = 64
 COUNTED = 100_000  # references up to which q_m is measured: there it finds few right ones
-NEAR_DISTANCE, NEAR_ANGLE = 2.0, np.radians(40)  # of a right reference
 OFF_DISTANCE, OFF_ANGLE = 1.0, np.radians(30)  # of a query from a reference
 CLUTTER, REARRANGED, NOISE = 0.3, 0.25, 0.01
 BEARINGS = np.radians(np.arange(181.0) - 90).astype(np.float32)
@@ -200,10 +200,8 @@ def measured(total: int, queries: int) -> tuple[list[dict], aprjax.Catalogue, fl
     asking = -(-queries // ASKED)
     first = floors(range(asking), ASKED)
     assert first.queries is not None
-    T = relative(first.T_floor_ref[None], first.T_floor_query[:, None])
     same = first.query_floor[:, None] == first.floor[None, :]
-    right = same & (np.hypot(T[..., 0], T[..., 1]) <= NEAR_DISTANCE)
-    right &= np.abs(T[..., 2]) <= NEAR_ANGLE
+    right = same & is_near(first.T_floor_ref[None], first.T_floor_query[:, None])
 
     catalogue = aprjax.Catalogue.build(jax.tree.map(lambda a: a[:1], first.references))
     catalogue = aprjax.Catalogue(catalogue.slots, catalogue.config)

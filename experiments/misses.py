@@ -14,13 +14,13 @@ import aprjax
 from aprjax.alignment.align import counterparts
 from aprjax.alignment.voting import Votes, vote
 from aprjax.features import Features
-from aprjax.metrics import deviations, is_right, relative
+from aprjax.metrics import is_near, is_right
+from aprjax.plane import relative
 from aprjax.references import ReferenceIndex
 from aprjax.refine import settle
 from aprjax.se2 import Pose
 from aprjax.shortlist import Shortlist, glance_through, look_closer
 
-NEAR_DISTANCE, NEAR_ANGLE = 2.0, np.radians(40)  # of a reference that shows the query's place
 COMMON = 0.15  # metres between anchors that are the same, under the true pose
 
 
@@ -123,8 +123,8 @@ def lost(stages: Stages, T_ref_query: np.ndarray) -> Loss:
         true = T_ref_query[np.minimum(left.row, len(T_ref_query) - 1)]
         if np.any(left.valid & is_right(np.asarray(left.T_ref_query), true)):
             return loss
-    gap, turn = deviations(T_ref_query, np.zeros(3))
-    shows = (gap <= NEAR_DISTANCE) & (turn <= NEAR_ANGLE) & (stages.common[: len(gap)] >= 2)
+    near = is_near(T_ref_query, np.zeros(3))
+    shows = near & (stages.common[: len(near)] >= 2)
     return Loss.NOT_VOTED if shows.any() else Loss.NO_COMMON_ANCHORS
 
 

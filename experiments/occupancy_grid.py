@@ -1,6 +1,6 @@
 """Global localization in an occupancy grid: a map drawn by one run, scans of another matched in it.
 
-    python experiments/occupancy_grid.py --out DIR [--quick] [--track NAME] [--resolution M]
+    python -m experiments.occupancy_grid --out DIR [--quick] [--track NAME] [--resolution M]
 
 The build run of a track (default: fhw.revisit) is drawn as an occupancy grid at its true poses,
 written as a map_server YAML and PGM, and read back. Viewpoints that cover its floor become
@@ -21,14 +21,14 @@ import time
 from pathlib import Path
 
 import numpy as np
-from data import track_folder
-from outputs import print_table, write_configuration, write_figure, write_table
 
 import aprjax
 from aprjax.io.trajectory import read_tum
 from aprjax.metrics import deviations, is_right, world_poses
 from aprjax.plot.grid import draw_grid
 from aprjax.plot.style import figure_of
+from experiments.data import track_folder
+from experiments.outputs import print_table, write_configuration, write_figure, write_table
 
 LEAST = 0.90
 NEAR, TURNED = 2.0, np.radians(40.0)  # of a build pose from a mapped scan

@@ -1,6 +1,6 @@
 """A large office in simulation: does the graph that is built have the office's topology?
 
-    python experiments/office.py --out DIR [--quick]
+    python -m experiments.office --out DIR [--quick]
 
 The paper's second experiment as data: corridors of 50 × 70 m with five cycles, niches and open
 rooms on both sides, other ones for each seed. A robot drives in them, in one direction through
@@ -25,20 +25,19 @@ from pathlib import Path
 import jax
 import networkx as nx
 import numpy as np
-from map_scores import frame_rms, score_map
-from outputs import print_table, write_configuration, write_figure, write_table
 
 from aprjax.configuration import to_dict
+from aprjax.plane import distance, relative, wrap
 from aprjax.plot.style import figure_of
 from aprjax.plot.world import draw_world
 from aprjax.sim.laser import Laser, take_scans
 from aprjax.sim.odometry import OdometryConfig, odometry
-from aprjax.sim.plane import wrap
 from aprjax.sim.world import World
 from aprjax.world.build import MapConfig, build_from_scans
 from aprjax.world.model import WorldModel
-from aprjax.world.plane import distance, relative
 from aprjax.world.relax import relax
+from experiments.map_scores import frame_rms, score_map
+from experiments.outputs import print_table, write_configuration, write_figure, write_table
 
 SEEDS = (0, 1, 2, 3, 4)
 ERROR = 0.1  # of the way and of the turns

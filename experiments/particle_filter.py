@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
+from aprjax.plane import compose, transform
 from aprjax.scan import Scan
 from aprjax.tracking.continuity import end_points
 from aprjax.tracking.odometry import WheelOdometry
-from aprjax.world.plane import compose
 
 CELL = 0.05  # metres
 BEAMS = 45  # of a scan, at most
@@ -40,7 +40,7 @@ class LikelihoodField:
     def of(cls, scans: list[Scan], T_world_laser: np.ndarray) -> "LikelihoodField":
         """The field of scans at their true poses `(scans, 3)`."""
         rays = [end_points(scan, 10_000) for scan in scans]
-        ends = [_at(pose, xy) for pose, xy in zip(T_world_laser, rays, strict=True)]
+        ends = [transform(pose, xy) for pose, xy in zip(T_world_laser, rays, strict=True)]
         low, high = (f([f(xy, axis=0) for xy in ends], axis=0) for f in (np.min, np.max))
         origin = low - 1.0
         shape = tuple(((high - origin + 1.0) / CELL).astype(int))
@@ -142,8 +142,3 @@ class ParticleFilter:
         cells = self._field.free[self._rng.integers(len(self._field.free), size=count)]
         xy = cells + CELL * self._rng.uniform(-0.5, 0.5, (count, 2))
         return np.column_stack([xy, self._rng.uniform(-np.pi, np.pi, count)])
-
-
-def _at(T_world_laser: np.ndarray, xy: np.ndarray) -> np.ndarray:
-    cos, sin = np.cos(T_world_laser[2]), np.sin(T_world_laser[2])
-    return T_world_laser[:2] + xy @ np.array([[cos, sin], [-sin, cos]])

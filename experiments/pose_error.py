@@ -1,6 +1,6 @@
 """Errors of the matcher's poses in the simulated lab, and whether their covariances cover them.
 
-    python experiments/pose_error.py --out DIR [--quick]
+    python -m experiments.pose_error --out DIR [--quick]
 
 The queries of several seeds of the lab are matched globally with its references. Best hypotheses
 that are right (within 0.5 m and 10° of the truth) are counted: their median errors, the mean of
@@ -16,11 +16,11 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from outputs import print_table, write_configuration, write_figure, write_table
 
 import aprjax
 from aprjax.metrics import is_right, world_poses
 from aprjax.sim.lab import lab
+from experiments.outputs import print_table, write_configuration, write_figure, write_table
 
 REGION = 7.815  # the 95 % quantile of chi-square with three degrees of freedom
 COLOUR, EXPECTED = "#1f5fa8", "#c1272d"

@@ -1,6 +1,6 @@
 """Which references come first: by q_m of the paper, plain c_m, votes for poses, or signatures.
 
-    python experiments/preselection.py --out DIR [--quick] [SPLIT ...]
+    python -m experiments.preselection --out DIR [--quick] [SPLIT ...]
 
 The paper aligns the references of the highest q_m = c_m² / (k_act k_m), c_m being the pairs of
 edges of corresponding length, and says that this keeps big graphs from becoming more attractive
@@ -26,19 +26,19 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from data import Split, read_split
 from jaxtyping import Array, Bool, Float
 from matplotlib.figure import Figure
-from outputs import print_table, write_configuration, write_figure, write_table
 
 import aprjax
 from aprjax.alignment.voting import vote
 from aprjax.evaluation.signature import likeness
 from aprjax.features import Features
-from aprjax.metrics import relative
+from aprjax.metrics import is_near
 from aprjax.references import ReferenceIndex
 from aprjax.relations.graph import AnchorGraph
 from aprjax.relations.histograms import count_correspondences, preselection_quality
+from experiments.data import Split, read_split
+from experiments.outputs import print_table, write_configuration, write_figure, write_table
 
 SPLITS = (
     "freiburg-079.revisit",
@@ -47,7 +47,6 @@ SPLITS = (
     "aces.interleaved",
     "belgioioso.interleaved",
 )
-NEAR_DISTANCE, NEAR_ANGLE = 2.0, np.radians(40)  # of a right reference
 SIZES = (10, 20, 40, 80)
 FIRST = (1, 5, 10, 20)
 MEASURES = {"c_m": "#c1272d", "q_m": "#1f5fa8", "votes": "#2a8a3e", "signature": "#8a5a00"}
@@ -100,9 +99,7 @@ def measured(split: Split, sizes: tuple[int, ...]) -> list[dict]:
     scans = jax.tree.map(lambda array: np.asarray(array)[split.mapped], split.queries)
     index, count = references.index, len(references)
     queries = aprjax.ReferenceSet.build(scans, index.config).index.features
-    T_ref_query = relative(split.T_world_ref[None], split.T_world_query[split.mapped][:, None])
-    right = np.hypot(T_ref_query[..., 0], T_ref_query[..., 1]) <= NEAR_DISTANCE
-    right &= np.abs(T_ref_query[..., 2]) <= NEAR_ANGLE
+    right = is_near(split.T_world_ref[None], split.T_world_query[split.mapped][:, None])
     of_scans = jax.device_get(_of_scans(queries, index))
     k_m = np.asarray(index.features.histogram.edges)[:count]
 

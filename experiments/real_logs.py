@@ -1,6 +1,6 @@
 """Global matching on the real logs' splits: how good it is, and where right answers are lost.
 
-    python experiments/real_logs.py --out DIR [--quick] [SPLIT ...]
+    python -m experiments.real_logs --out DIR [--quick] [SPLIT ...]
 
 For each split (reference and query logs with true poses; see `data.py` for where), all queries are
 matched globally with all references, with the 5 and with the 1 of the highest preselection value
@@ -29,10 +29,7 @@ from pathlib import Path
 
 import jax
 import numpy as np
-from data import Split, read_split, split_names
 from matplotlib.figure import Figure
-from misses import Loss, losses
-from outputs import print_table, write_configuration, write_figure, write_table
 
 import aprjax
 from aprjax.metrics import (
@@ -44,9 +41,13 @@ from aprjax.metrics import (
     score_matches,
     world_poses,
 )
+from aprjax.plane import transform
 from aprjax.plot.map import draw_map
 from aprjax.plot.reliability import draw_reliability
 from aprjax.plot.style import figure_of
+from experiments.data import Split, read_split, split_names
+from experiments.misses import Loss, losses
+from experiments.outputs import print_table, write_configuration, write_figure, write_table
 
 CHOICES: dict[str, int | None] = {"1": 1, "5": 5, "all": None}  # references aligned
 SIX = (
@@ -196,11 +197,8 @@ def map_figure(outcome: Outcome) -> Figure:
 
 def seen_points(scans: aprjax.Scan, T_world_laser: np.ndarray) -> np.ndarray:
     """The end points `(points, 2)` of stacked scans from their poses, in the world's frame."""
-    hit, xy = np.asarray(scans.hit), np.asarray(scans.points, float)
-    cos, sin = np.cos(T_world_laser[:, 2, None]), np.sin(T_world_laser[:, 2, None])
-    x, y = xy[..., 0], xy[..., 1]
-    moved = np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
-    return (T_world_laser[:, None, :2] + moved)[hit]
+    points = np.asarray(scans.points, float)
+    return transform(T_world_laser[:, None], points)[np.asarray(scans.hit)]
 
 
 def main() -> int:

@@ -1,6 +1,6 @@
 """How far recognition stands noise, dropouts, changes, narrow views, distance and sparse beams.
 
-    python experiments/robustness.py --out DIR [--quick] [--jobs NAME ...]
+    python -m experiments.robustness --out DIR [--quick] [--jobs NAME ...]
 
 One curve a job, over queries in simulated offices: the share whose best hypothesis is right, the
 share of those that `match` calls confident as well, and the share of confident wrong ones. All
@@ -23,22 +23,22 @@ from pathlib import Path
 import jax
 import numpy as np
 from matplotlib.figure import Figure
-from outputs import write_configuration, write_figure, write_table
 
 import aprjax
 from aprjax.anchors.candidates import Kind
 from aprjax.configuration import to_dict
 from aprjax.metrics import is_right, world_poses
 from aprjax.numerics import bucket
+from aprjax.plane import wrap
 from aprjax.plot.style import KINDS, add_legend
 from aprjax.sim.drive import drive
 from aprjax.sim.floor_plan import FloorPlan, office
 from aprjax.sim.lab import PERIOD, SCANS, choose_references
 from aprjax.sim.laser import Laser, take_scans
 from aprjax.sim.people import KEPT_OFF
-from aprjax.sim.plane import wrap
 from aprjax.sim.ray_casting import cast
 from aprjax.sim.world import World
+from experiments.outputs import write_configuration, write_figure, write_table
 
 FLOORS = (0, 1, 2)  # seeds
 REFERENCES = 10  # of each floor

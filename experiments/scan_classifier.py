@@ -1,6 +1,6 @@
 """The scan classifier on a real log: do a second pass's scans fall into the classes of the place?
 
-`python experiments/scan_classifier.py --out DIR [--track NAME] [--seeds N]`
+`python -m experiments.scan_classifier --out DIR [--track NAME] [--seeds N]`
 
 Growing neural gas of 150 neurons over features of the build run's scans of a track (default:
 freiburg-079.revisit); the mapped scans of the track run are sorted into its classes. Prints, for
@@ -17,9 +17,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from data import track_folder
 from matplotlib.figure import Figure
-from outputs import grouped_bars, print_table, write_configuration, write_figure, write_table
 
 import aprjax
 from aprjax.io.trajectory import read_tum
@@ -27,6 +25,14 @@ from aprjax.places.classifier import ViewClassifier
 from aprjax.places.features import scan_features
 from aprjax.places.neural_gas import NeuralGasConfig
 from aprjax.places.recognition import recognition
+from experiments.data import track_folder
+from experiments.outputs import (
+    grouped_bars,
+    print_table,
+    write_configuration,
+    write_figure,
+    write_table,
+)
 
 
 def main() -> int:

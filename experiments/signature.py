@@ -24,8 +24,8 @@ import aprjax
 from aprjax.atomic import atomic_write
 from aprjax.evaluation.signature import pair_histogram
 from aprjax.features import seen
-from aprjax.metrics import relative
-from experiments.million import AT_ONCE, EACH, NEAR_ANGLE, NEAR_DISTANCE, floors
+from aprjax.metrics import NEAR_ANGLE, NEAR_DISTANCE, is_near
+from experiments.million import AT_ONCE, EACH, floors
 from experiments.outputs import BLUE, LIGHT, write_configuration, write_figure, write_table
 
 SEED = 10_000_000  # the first floor's number; those measured begin with 0
@@ -50,9 +50,8 @@ def scattered(numbers: range) -> tuple[np.ndarray, np.ndarray]:
     differences = []
     for number in numbers:
         here = np.flatnonzero(floor == number)
-        gap = relative(poses[here][None], poses[here][:, None])
-        near = np.hypot(gap[..., 0], gap[..., 1]) <= NEAR_DISTANCE
-        first, second = np.nonzero(np.triu(near & (np.abs(gap[..., 2]) <= NEAR_ANGLE), k=1))
+        near = is_near(poses[here][None], poses[here][:, None])
+        first, second = np.nonzero(np.triu(near, k=1))
         differences.append(histograms[here[first]] - histograms[here[second]])
     return histograms, np.concatenate(differences)
 

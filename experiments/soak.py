@@ -1,6 +1,6 @@
 """The tracker for a simulated day, with sources that fail at random.
 
-    python experiments/soak.py --out DIR [--quick] [--hours H] [--seed N]
+    python -m experiments.soak --out DIR [--quick] [--hours H] [--seed N]
 
 A robot drives round a ring of nodes at 0.5 m/s, one step a second, and is carried away unseen once
 an hour. Its wheels, a global localization technique and a validation source are simulated: noisy,
@@ -26,8 +26,8 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from outputs import print_table, write_configuration, write_figure, write_table
 
+from aprjax.plane import compose, distance, relative
 from aprjax.scan import Scan
 from aprjax.tracking.belief import Belief, Situation
 from aprjax.tracking.hypothesis import Step
@@ -36,7 +36,7 @@ from aprjax.tracking.sources import Estimate, Remembers, Verdict
 from aprjax.tracking.tracker import HypothesisTracker
 from aprjax.world.model import WorldModel
 from aprjax.world.parts import Appearance, Arc, Place
-from aprjax.world.plane import compose, distance, relative
+from experiments.outputs import print_table, write_configuration, write_figure, write_table
 
 NODES, SPACING = 24, 4.0  # metres along the ring
 LAP, CORNER = NODES * SPACING, 2 * math.pi / NODES

@@ -1,6 +1,6 @@
 """Localization on real drives, in maps built from other drives or from every other part.
 
-`python experiments/tracks.py [TRACK ...] --out DIR [--maps DIR] [--quick]`
+`python -m experiments.tracks [TRACK ...] --out DIR [--maps DIR] [--quick]`
 
 Builds the map of each track from its build log, as `aprjax map build` does, and localizes the track
 in it, as `aprjax localize` does, from raw odometry and scans; see `data.py` for where the logs lie.
@@ -25,21 +25,20 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from data import data_root, track_folder
 from matplotlib.figure import Figure
-from outputs import print_table, write_configuration, write_figure, write_table
 
 import aprjax
 from aprjax.io.tables import HypothesisRow, write_hypotheses
 from aprjax.io.trajectory import read_tum
-from aprjax.metrics import deviations, is_right
+from aprjax.metrics import deviations, is_near, is_right
+from aprjax.plane import compose
 from aprjax.tracking.apr import MatchedSource
 from aprjax.tracking.belief import Belief
 from aprjax.tracking.replay import matched
 from aprjax.tracking.table import hypothesis_rows
-from aprjax.world.plane import compose
+from experiments.data import data_root, track_folder
+from experiments.outputs import print_table, write_configuration, write_figure, write_table
 
-MAPPED, TURNED = 2.0, np.radians(40)
 """A scan is mapped within these of a scan of the build log."""
 CITED = {
     "fhw.revisit": (0.99, 0.026, ""),
@@ -77,8 +76,7 @@ class Track:
     @property
     def mapped(self) -> np.ndarray:
         """`(scans,)`: a scan of the build log was taken nearby."""
-        gap, turn = deviations(self.T_world_build, self.T_world_laser[:, None])
-        return np.any((gap < MAPPED) & (turn < TURNED), axis=1)
+        return np.any(is_near(self.T_world_build, self.T_world_laser[:, None]), axis=1)
 
     @property
     def steps(self) -> np.ndarray:

@@ -1,6 +1,6 @@
 """The paper's Fig. 5 on a simulated course: volumes of position hypotheses, and what they hold.
 
-`python experiments/volume.py --out DIR [--buildings N] [--first SEED] [--quick]`
+`python -m experiments.volume --out DIR [--buildings N] [--first SEED] [--quick]`
 
 A robot drives the course of `course.py` without a camera, and is tracked twice: by APR and wheel
 odometry alone, and with the package's default sources. After each cycle the volume V_i of the
@@ -28,16 +28,14 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from building import entries_of, parsed
-from course import driven, survey
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
-from outputs import print_table, write_configuration, write_figure, write_table
 
 import aprjax
 from aprjax.configuration import to_dict
 from aprjax.metrics import deviations
+from aprjax.plane import relative
 from aprjax.plot.reliability import draw_reliability
 from aprjax.plot.volume import draw_volumes, in_degrees, show_box
 from aprjax.tracking.apr import MatchedSource
@@ -46,8 +44,10 @@ from aprjax.tracking.hypothesis import Hypothesis
 from aprjax.tracking.odometry import OdometryConfig, WheelOdometry
 from aprjax.tracking.replay import matched
 from aprjax.tracking.tracker import TrackerConfig
-from aprjax.world.plane import relative
 from aprjax.world.super_space import assemble
+from experiments.building import entries_of, parsed
+from experiments.course import driven, survey
+from experiments.outputs import print_table, write_configuration, write_figure, write_table
 
 BUILDINGS = 3
 CYCLES = 320  # of the course, with --quick

@@ -1,6 +1,6 @@
 """The worked example of the paper's Fig. 2: two small anchor graphs, aligned step by step.
 
-    python experiments/worked_example.py --out DIR [--quick]
+    python -m experiments.worked_example --out DIR [--quick]
 
 G_2 is a true subgraph of the larger G_1, its anchor points numbered otherwise; the edges (1, 2)
 and (2, 4) of G_1 are as long as (2, 3) of G_2. The points are ours, chosen so that all that the
@@ -26,15 +26,16 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from outputs import print_table, write_configuration, write_figure, write_table
 
 from aprjax.alignment.align import AlignmentConfig, align
 from aprjax.alignment.correspondence import CorrespondenceConfig, correspondence_matrices
 from aprjax.alignment.rotation import RotationConfig, rotation_peaks
 from aprjax.anchors.extract import Anchors
+from aprjax.plane import transform
 from aprjax.relations.graph import AnchorGraph, anchor_graph
 from aprjax.relations.histograms import RelationConfig, direction_spectrum, matching_angles
 from aprjax.sweeping.axes import configured
+from experiments.outputs import print_table, write_configuration, write_figure, write_table
 
 G_1 = np.array([[-3.7588, 1.3681], [0.0, 0.0], [2.4, -1.0], [0.3486, 3.9848]])
 G_2 = np.array([[0.8374, -1.8495], [-3.3122, 3.2807], [-0.7410, 0.2165]])
@@ -111,8 +112,7 @@ def draw(everything, histogram, within, T_found) -> Figure:
     axes[1, 0].bar(degrees, histogram, width=2.6, color="#8a8a8a")
     axes[1, 0].set(xlabel="rotation / °, modulo 180", title="matching angle histogram")
     _draw_matrix(axes[1, 1], within, "matrix of the pairs in the peak")
-    cos, sin = np.cos(T_found[2]), np.sin(T_found[2])
-    moved = G_2 @ np.array([[cos, sin], [-sin, cos]]) + T_found[:2]
+    moved = transform(T_found, G_2)
     _draw_graph(axes[1, 2], G_1, "G_1", COLOURS["G_1"], "")
     _draw_graph(
         axes[1, 2],

@@ -19,6 +19,7 @@ ORDER = [
     "configuration",
     "numerics",
     "se2",
+    "plane",
     "status",
     "atomic",
     "scan",

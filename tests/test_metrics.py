@@ -11,7 +11,6 @@ from aprjax.metrics import (
     is_right,
     pooled,
     reappearing,
-    relative,
     reliability,
     repeatability,
     score_matches,
@@ -130,14 +129,6 @@ def test_hypotheses_are_placed_by_their_references():
         T_world = T_world_ref[list(ids).index(reference[index])]
         expected = motion(T_world) @ motion(T_ref_query[index])
         np.testing.assert_allclose(motion(poses[index]), expected, atol=1e-12)
-
-
-def test_a_relative_pose_undoes_the_composition():
-    rng = np.random.default_rng(1)
-    T_world_a, T_world_b = rng.normal(0, 3, (2, 5, 3))
-    for a, b, T_a_b in zip(T_world_a, T_world_b, relative(T_world_a, T_world_b), strict=True):
-        np.testing.assert_allclose(motion(a) @ motion(T_a_b), motion(b), atol=1e-12)
-        assert -np.pi <= T_a_b[2] < np.pi
 
 
 def test_right_is_within_half_a_metre_and_ten_degrees():

@@ -18,6 +18,7 @@ from aprjax.cli.progress import Progress
 from aprjax.io.log import LogEntry
 from aprjax.io.tables import HypothesisRow, write_hypotheses
 from aprjax.io.trajectory import write_tum
+from aprjax.plane import compose
 from aprjax.plot.hypotheses import draw_hypotheses, picture_of
 from aprjax.plot.style import figure_of
 from aprjax.tracking.apr import MatchedSource
@@ -30,7 +31,6 @@ from aprjax.tracking.tracker import HypothesisTracker, motion_sources
 from aprjax.tracking.validation import IdcSource
 from aprjax.world.model import WorldModel
 from aprjax.world.parts import WorldModelError
-from aprjax.world.plane import compose
 from aprjax.world.store import MapFileError, load_map
 from aprjax.world.super_space import assemble
 

@@ -16,13 +16,13 @@ from aprjax.cli.inputs import add_topic_options, read_drive
 from aprjax.cli.outputs import check_output
 from aprjax.cli.progress import Progress
 from aprjax.io.pose_graph import pose_graph_text
+from aprjax.plane import distance
 from aprjax.plot.style import figure_of
 from aprjax.plot.world import draw_world
 from aprjax.world import export
 from aprjax.world.build import build_map
 from aprjax.world.model import WorldModel
 from aprjax.world.parts import WorldModelError
-from aprjax.world.plane import distance
 from aprjax.world.planning import PlanError, plan
 from aprjax.world.relax import relax
 from aprjax.world.store import MapFileError, load_map, save_map

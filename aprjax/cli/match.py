@@ -23,11 +23,11 @@ from aprjax.io.reference_file import save_references
 from aprjax.io.tables import write_matches
 from aprjax.io.trajectory import write_tum
 from aprjax.matcher import MatchConfig, MatchResult
+from aprjax.plane import compose
 from aprjax.references import ReferenceSet
 from aprjax.scan import Scan
 from aprjax.shortlist import ShortlistConfig
 from aprjax.status import Status
-from aprjax.world.plane import compose
 
 _MOST_HYPOTHESES = 1000
 _PIECES = (128, 96, 64, 32)  # queries of a call: whole chunks of the matcher

@@ -28,7 +28,7 @@ from aprjax.configuration import to_dict
 from aprjax.io.pieces import Pieces, fingerprint
 from aprjax.io.trajectory import TrajectoryError, read_tum
 from aprjax.matcher import MatchConfig
-from aprjax.metrics import relative
+from aprjax.metrics import is_near
 from aprjax.references import ReferenceSet
 from aprjax.scan import Scan
 from aprjax.sweeping.axes import check_names
@@ -37,7 +37,6 @@ from aprjax.sweeping.run import CONFIGURATIONS, QUERIES, Piece, sweep_grid
 _MOST = 10_000  # configurations
 _LARGEST = float(np.finfo(np.float32).max)  # of a threshold
 _LATE = 0.5  # seconds outside of a trajectory that a scan may be taken at
-_NEAR_DISTANCE, _NEAR_ANGLE = 2.0, np.radians(40)  # of a reference, where a query can be matched
 
 
 def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -212,9 +211,7 @@ def _references(arguments: argparse.Namespace) -> tuple[ReferenceSet, np.ndarray
 def _mapped(path: Path | None, T_world_ref: np.ndarray, T_world_query: np.ndarray) -> np.ndarray:
     """Which queries some reference shows."""
     if path is None:
-        T_ref_query = relative(T_world_ref[None], T_world_query[:, None])
-        near = np.hypot(T_ref_query[..., 0], T_ref_query[..., 1]) <= _NEAR_DISTANCE
-        return np.any(near & (np.abs(T_ref_query[..., 2]) <= _NEAR_ANGLE), axis=1)
+        return np.any(is_near(T_world_ref[None], T_world_query[:, None]), axis=1)
     try:
         words = path.read_text(encoding="utf-8").split()
     except ValueError:

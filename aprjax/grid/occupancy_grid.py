@@ -6,7 +6,7 @@ from typing import Self
 
 import numpy as np
 
-from aprjax.grid.plane import transform
+from aprjax.plane import transform
 
 UNKNOWN, FREE, OCCUPIED = -1, 0, 100
 MOST_CELLS = 1 << 28

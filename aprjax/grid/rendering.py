@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.grid.occupancy_grid import OccupancyGrid
-from aprjax.grid.plane import compose, inverse
 from aprjax.grid.surface import Surfaces, meet, surfaces
 from aprjax.numerics import bucket, single_precision
+from aprjax.plane import compose, inverse
 from aprjax.scan import Scan, hide_nan, show_nan
 from aprjax.se2 import Pose
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aprjax.places.neural_gas import NeuralGas
+from aprjax.plane import distance, wrap
 
 MAPPED, TURNED = 2.0, np.radians(40.0)
 """A view is mapped where a registered one was taken within these, in metres and radians."""
@@ -63,5 +64,5 @@ def recognition(
 
 def _apart(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Metres and radians between all pairs of poses."""
-    x, y, theta = np.moveaxis(one[:, None] - other[None], -1, 0)
-    return np.hypot(x, y), np.abs((theta + np.pi) % (2 * np.pi) - np.pi)
+    gap = one[:, None] - other[None]
+    return distance(gap), np.abs(wrap(gap[..., 2]))

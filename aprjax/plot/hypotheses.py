@@ -9,11 +9,11 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from PIL import Image
 
+from aprjax.plane import compose, transform
 from aprjax.plot.style import add_legend
 from aprjax.plot.world import draw_world, new_world_axes
 from aprjax.tracking.belief import Belief
 from aprjax.world.model import WorldModel
-from aprjax.world.plane import compose
 
 _HYPOTHESIS = "#000000"
 _SIZE = 0.012  # of the map's extent: how long a triangle is
@@ -75,5 +75,4 @@ def picture_of(figure: Figure, dpi: int) -> Image.Image:
 
 
 def _triangle(pose: np.ndarray, size: float) -> np.ndarray:
-    cos, sin = np.cos(pose[2]), np.sin(pose[2])
-    return pose[:2] + size * _TRIANGLE @ np.array([[cos, sin], [-sin, cos]])
+    return transform(pose, size * _TRIANGLE)

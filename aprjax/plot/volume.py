@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
+from aprjax.plane import compose, wrap
 from aprjax.tracking.hypothesis import Hypothesis
-from aprjax.world.plane import compose, wrap
 
 _COLOUR = "#1f5fa8"
 _CORNERS = 48  # of the polygon that a disc is drawn as

@@ -5,6 +5,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 
+from aprjax.plane import compose
 from aprjax.plot.style import (
     FLOOR,
     REFERENCE,
@@ -16,7 +17,6 @@ from aprjax.plot.style import (
 )
 from aprjax.world.model import WorldModel
 from aprjax.world.parts import Arc
-from aprjax.world.plane import compose
 
 _DRIVEN, _CLOSED, _TORN = "#333333", "#2a8a3e", "#c1272d"
 _MARGIN = 4.0  # metres around all places

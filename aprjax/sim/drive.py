@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from aprjax.configuration import threshold
+from aprjax.plane import wrap
 from aprjax.sim.floor_plan import FloorPlan
-from aprjax.sim.plane import wrap
 from aprjax.sim.routes import Waypoint, point_in, route
 
 _STEP, _TURN = 0.02, np.radians(2.0)  # metres and radians between points of a way

@@ -10,10 +10,11 @@ from dataclasses import dataclass, replace
 import networkx as nx
 import numpy as np
 
+from aprjax.plane import transform
 from aprjax.sim.furnish import PROGRAMMES, Space, furnish, furnish_corridor
 from aprjax.sim.furniture import Piece
 from aprjax.sim.layout import Layout, layout
-from aprjax.sim.plane import grown, overlap, transform, transform_rectangle
+from aprjax.sim.rectangle import grown, overlap, transform_rectangle
 from aprjax.sim.structure import (
     CLEARANCE,
     corridor_features,

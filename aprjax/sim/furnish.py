@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from aprjax.plane import compose
 from aprjax.sim.furniture import (
     Piece,
     Shape,
@@ -18,7 +19,7 @@ from aprjax.sim.furniture import (
     table,
     trolley,
 )
-from aprjax.sim.plane import compose, overlap
+from aprjax.sim.rectangle import overlap
 
 FRONT, RIGHT, BACK, LEFT = range(4)
 """The walls of a room as seen from above, the door in the front wall."""

@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aprjax.sim.plane import box, closed, compose, transform
+from aprjax.plane import compose, transform
+from aprjax.sim.rectangle import box, closed
 
 
 class Shape(NamedTuple):

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aprjax.plane import wrap
 from aprjax.sim.drive import drive
 from aprjax.sim.floor_plan import FloorPlan, office
 from aprjax.sim.laser import Laser
-from aprjax.sim.plane import wrap
 from aprjax.sim.run import Run, simulate
 
 SCANS = 1405

@@ -5,7 +5,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from aprjax.configuration import threshold
-from aprjax.sim.plane import compose, relative
+from aprjax.plane import compose, relative
 
 
 class OdometryConfig(eqx.Module):

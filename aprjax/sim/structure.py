@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from aprjax.plane import transform
 from aprjax.sim.layout import Layout, Room
-from aprjax.sim.plane import overlap, transform
+from aprjax.sim.rectangle import overlap
 from aprjax.sim.walls import Door, Feature
 
 CLEARANCE = 0.36

@@ -7,10 +7,10 @@ import numpy as np
 
 from aprjax.batch import match
 from aprjax.matcher import MatchConfig, MatchResult
+from aprjax.plane import compose, compose_covariance
 from aprjax.tracking.sources import Estimate
 from aprjax.world.model import WorldModel
 from aprjax.world.parts import Place
-from aprjax.world.plane import compose, compose_covariance
 
 _LEAST = 0.01  # probability of an alternative that is worth an estimate
 

@@ -15,12 +15,12 @@ from jaxtyping import Array, Float
 from aprjax.configuration import threshold
 from aprjax.places.classifier import ViewClassifier
 from aprjax.places.features import scan_features
+from aprjax.plane import distance
 from aprjax.tracking.hypothesis import Hypothesis
 from aprjax.tracking.neighbours import Neighbours, Surroundings
 from aprjax.tracking.sources import Verdict
 from aprjax.world.model import WorldModel
 from aprjax.world.parts import Appearance, Place
-from aprjax.world.plane import distance
 
 _PROBES = 200  # registered views at most that say how common a class is
 _FARTHEST = 30.0  # metres along arcs to nodes whose views are compared with a volume

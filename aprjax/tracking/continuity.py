@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from aprjax.configuration import capacity, threshold
+from aprjax.plane import transform
 from aprjax.scan import Scan
 from aprjax.tracking.hypothesis import Step
 
@@ -76,10 +77,8 @@ class ScanContinuity:
         best = 0.0
         for share in _SHARES:
             for turn in _TURNS:
-                x, y, theta = T_before_now * [share, share, 1.0] + [0.0, 0.0, turn]
-                cos, sin = np.cos(theta), np.sin(theta)
-                moved = now @ np.array([[cos, sin], [-sin, cos]]) + [x, y]
-                gap = np.min(_square_distances(moved, before), axis=1)
+                tried = T_before_now * [share, share, 1.0] + [0.0, 0.0, turn]
+                gap = np.min(_square_distances(transform(tried, now), before), axis=1)
                 best = max(best, float(np.mean(gap < near**2)))
                 if best >= enough:
                     return best

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from aprjax.plane import wrap
 from aprjax.tracking.hypothesis import Step
-from aprjax.world.plane import wrap
 
 
 def fuse(steps: Sequence[Step], unmeasured: float) -> Step:

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from aprjax.configuration import threshold
+from aprjax.plane import compose, compose_covariance, spread, turn_spread
 from aprjax.world.parts import Place
-from aprjax.world.plane import compose, compose_covariance, spread, turn_spread
 
 
 class VolumeConfig(eqx.Module):

@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from aprjax.plane import compose, compose_covariance, distance, relative, spread, turn_spread
 from aprjax.tracking.hypothesis import Hypothesis, VolumeConfig
 from aprjax.tracking.sources import Estimate
 from aprjax.world.model import WorldModel
 from aprjax.world.parts import Place
-from aprjax.world.plane import compose, compose_covariance, distance, relative, spread, turn_spread
 from aprjax.world.super_space import Connection, connections
 
 

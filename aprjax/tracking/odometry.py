@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from aprjax.configuration import threshold
+from aprjax.plane import compose, compose_covariance, distance, inverse, relative, wrap
 from aprjax.tracking.hypothesis import Step
-from aprjax.world.plane import compose, compose_covariance, distance, inverse, relative, wrap
 
 _EXACT = np.zeros((3, 3))
 

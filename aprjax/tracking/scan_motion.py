@@ -14,12 +14,12 @@ from jaxtyping import Array, Float
 from aprjax.configuration import threshold
 from aprjax.evaluation.view import View
 from aprjax.features import FeatureConfig
+from aprjax.plane import wrap
 from aprjax.scan import Scan
 from aprjax.tracking.hypothesis import Step
 from aprjax.tracking.views import scan_of_state, state_of_scan, view_of
 from aprjax.world.alignment import AlignConfig, align_pairs
 from aprjax.world.motion import MotionConfig, doubted, turned
-from aprjax.world.plane import wrap
 
 _TURNS = np.radians([0, -5, 5, -10, 10, -18, 18])
 

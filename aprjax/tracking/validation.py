@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from aprjax.configuration import capacity, threshold
+from aprjax.plane import compose, compose_covariance, distance
 from aprjax.scan import Scan
 from aprjax.tracking.hypothesis import Hypothesis
 from aprjax.tracking.idc import Idc, IdcConfig, idc
@@ -20,7 +21,6 @@ from aprjax.tracking.sources import Verdict
 from aprjax.tracking.views import view_of
 from aprjax.world.model import WorldModel
 from aprjax.world.parts import Place
-from aprjax.world.plane import compose, compose_covariance, distance
 
 _EXACT = np.zeros((3, 3))
 _DEVIATIONS = 2.0  # of the arcs in between, by which a volume is widened

@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from aprjax.plane import compose, relative, spread, turn_spread
 from aprjax.world.model import WorldModel
 from aprjax.world.parts import Arc
-from aprjax.world.plane import compose, relative, spread, turn_spread
 from aprjax.world.smoothing import Measurements, relative_covariance, smooth
 
 _FLOOR = np.diag(np.square([0.02, 0.02, np.radians(0.3)]))

@@ -16,15 +16,7 @@ from aprjax.configuration import threshold
 from aprjax.features import FeatureConfig
 from aprjax.io.log import LogEntry
 from aprjax.io.messages import FARTHEST
-from aprjax.references import ReferenceSet
-from aprjax.scan import Scan
-from aprjax.world.arcs import fit_arcs
-from aprjax.world.closure import ClosureConfig, Located, recognize
-from aprjax.world.follow import FollowConfig, Found, follow
-from aprjax.world.model import WorldModel
-from aprjax.world.motion import Motion, MotionConfig, agreeing, doubted, motion
-from aprjax.world.parts import Appearance, Arc, Place
-from aprjax.world.plane import (
+from aprjax.plane import (
     compose,
     compose_covariance,
     distance,
@@ -34,6 +26,14 @@ from aprjax.world.plane import (
     spread,
     turn_spread,
 )
+from aprjax.references import ReferenceSet
+from aprjax.scan import Scan
+from aprjax.world.arcs import fit_arcs
+from aprjax.world.closure import ClosureConfig, Located, recognize
+from aprjax.world.follow import FollowConfig, Found, follow
+from aprjax.world.model import WorldModel
+from aprjax.world.motion import Motion, MotionConfig, agreeing, doubted, motion
+from aprjax.world.parts import Appearance, Arc, Place
 from aprjax.world.recognition import RecognitionConfig, Sightings, sightings
 from aprjax.world.smoothing import Measurements
 from aprjax.world.super_space import neighbourhood

@@ -13,10 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from aprjax.configuration import capacity, threshold
-from aprjax.world.model import WorldModel
-from aprjax.world.motion import Motion
-from aprjax.world.parts import Place
-from aprjax.world.plane import (
+from aprjax.plane import (
     compose,
     compose_covariance,
     distance,
@@ -25,6 +22,9 @@ from aprjax.world.plane import (
     turn_spread,
     wrap,
 )
+from aprjax.world.model import WorldModel
+from aprjax.world.motion import Motion
+from aprjax.world.parts import Place
 from aprjax.world.recognition import Sightings
 from aprjax.world.super_space import Connection, connections, neighbourhood
 

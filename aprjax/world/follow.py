@@ -8,12 +8,12 @@ from jaxtyping import Array, Float
 
 from aprjax.configuration import capacity, threshold
 from aprjax.evaluation.view import View
+from aprjax.plane import compose, distance, relative, spread, turn_spread, wrap
 from aprjax.world.alignment import AlignConfig, Aligned, align_pairs
 from aprjax.world.closure import Located
 from aprjax.world.model import WorldModel
 from aprjax.world.motion import NARROW_TURNS, Motion, turned
 from aprjax.world.parts import Place
-from aprjax.world.plane import compose, distance, relative, spread, turn_spread, wrap
 from aprjax.world.recognition import Sightings
 from aprjax.world.super_space import Connection, neighbourhood
 

@@ -12,6 +12,7 @@ import networkx as nx
 import numpy as np
 
 from aprjax.features import FeatureConfig
+from aprjax.plane import compose, compose_covariance, relative, wrap
 from aprjax.references import ReferenceSet
 from aprjax.scan import Scan
 from aprjax.world.parts import (
@@ -25,7 +26,6 @@ from aprjax.world.parts import (
     check_pose,
     check_scan,
 )
-from aprjax.world.plane import compose, compose_covariance, relative, wrap
 
 
 class WorldModel:

@@ -12,8 +12,8 @@ from jaxtyping import Array, Float
 
 from aprjax.configuration import threshold
 from aprjax.evaluation.view import View
+from aprjax.plane import compose, distance, relative, wrap
 from aprjax.world.alignment import AlignConfig, Aligned, Expected, align_pairs
-from aprjax.world.plane import compose, distance, relative, wrap
 from aprjax.world.smoothing import Measurements, smooth
 
 _TURNS = np.array([0, -0.6, 0.6, -1.2, 1.2, -2.2, 2.2, -3.2, 3.2])  # deviations of odometry

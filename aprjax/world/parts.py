@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aprjax.world.plane import inverse, inverse_covariance
+from aprjax.plane import inverse, inverse_covariance
 
 KINDS = ("driven", "closed")
 """How an arc was found: the robot drove along it, or recognized one end when it came there."""

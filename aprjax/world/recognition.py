@@ -15,9 +15,9 @@ from jaxtyping import Array, Float
 from aprjax.batch import match_batch
 from aprjax.configuration import capacity, threshold
 from aprjax.matcher import MatchConfig
+from aprjax.plane import distance, wrap
 from aprjax.references import ReferenceSet
 from aprjax.world.motion import Motion
-from aprjax.world.plane import distance, wrap
 
 _BATCH = 64  # queries of one call to the matcher
 

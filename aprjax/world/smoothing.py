@@ -12,7 +12,7 @@ import numpy as np
 from scipy.sparse import csc_matrix, identity
 from scipy.sparse.linalg import splu
 
-from aprjax.world.plane import relative, wrap
+from aprjax.plane import relative, wrap
 
 _STEPS = 25
 _SCALE = 27.0  # squared standard deviations, over three numbers, at which a weight is one half

@@ -11,9 +11,9 @@ from typing import Any
 import networkx as nx
 import numpy as np
 
+from aprjax.plane import compose, compose_covariance, distance, relative, spread, turn_spread
 from aprjax.world.model import WorldModel
 from aprjax.world.parts import Place, WorldModelError
-from aprjax.world.plane import compose, compose_covariance, distance, relative, spread, turn_spread
 
 _TURN = 3.0  # metres that a heading is off in the place of what is seen with it
 

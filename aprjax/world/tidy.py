@@ -8,10 +8,10 @@ One place is one node, a crossing too, and two ways between neighbours are one.
 import networkx as nx
 import numpy as np
 
+from aprjax.plane import distance, spread, turn_spread
 from aprjax.world.model import WorldModel
 from aprjax.world.motion import Motion
 from aprjax.world.parts import Arc
-from aprjax.world.plane import distance, spread, turn_spread
 from aprjax.world.super_space import neighbourhood
 
 _ARCS = 2  # between nodes that may be one

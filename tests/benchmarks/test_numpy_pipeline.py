@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 import aprjax
-from aprjax.metrics import relative
+from aprjax.plane import relative
 from benchmarks import numpy_extraction, numpy_pipeline
 from tests.worlds import office, scan_at
 

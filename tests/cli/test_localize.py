@@ -10,11 +10,11 @@ from aprjax.cli.main import main
 from aprjax.io.logs import read_log
 from aprjax.io.tables import HYPOTHESIS_COLUMNS
 from aprjax.io.trajectory import read_tum
+from aprjax.plane import relative
 from aprjax.tracking import replay, tracker
 from aprjax.tracking.continuity import ScanContinuity
 from aprjax.world.model import WorldModel
 from aprjax.world.parts import Appearance, Arc, Place
-from aprjax.world.plane import relative
 from aprjax.world.store import save_map
 from tests.make_logs import laser_line
 from tests.worlds import office, scan_at

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from aprjax.cli.main import main
+from aprjax.plane import compose, relative
 from aprjax.world.model import WorldModel
 from aprjax.world.parts import Appearance, Arc, Place
-from aprjax.world.plane import compose, relative
 from aprjax.world.store import save_map
 from tests.make_logs import laser_line
 from tests.worlds import office, scan_at

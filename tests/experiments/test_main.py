@@ -8,8 +8,9 @@ import pytest
 import experiments.__main__ as program
 from experiments.__main__ import EXPERIMENTS, ROOT, Experiment
 
-GOOD = Experiment("writes", ("-c", "import sys; open(sys.argv[2] + '/t.csv', 'w'); print('done')"))
-BAD = Experiment("fails", ("-c", "import sys; sys.exit('no data')"))
+WRITES = "import sys; open(sys.argv[2] + '/t.csv', 'w'); print('done')"
+GOOD = Experiment("writes", command=("-c", WRITES))
+BAD = Experiment("fails", command=("-c", "import sys; sys.exit('no data')"))
 
 
 @pytest.fixture
@@ -48,12 +49,8 @@ def test_bad_usage(two, words):
 
 def test_every_script_with_a_command_line_is_an_experiment():
     scripts = {
-        f"experiments/{path.name}"
+        path.stem
         for path in (ROOT / "experiments").glob("[a-z]*.py")
         if '__name__ == "__main__"' in path.read_text()
     }
-    started = [e.script for e in EXPERIMENTS.values()]
-    named = {script[0] for script in started} - {"-m"}
-    modules = [script[1].split(".") for script in started if script[0] == "-m"]
-    named |= {f"{'/'.join(names)}.py" for names in modules if names[0] == "experiments"}
-    assert named == scripts
+    assert scripts == {name for name, each in EXPERIMENTS.items() if each.command is None}

@@ -4,7 +4,7 @@ import json
 import numpy as np
 import pytest
 
-from aprjax.world.plane import compose
+from aprjax.plane import compose
 from experiments import volume
 from experiments.volume import PAPER, Growth, Tracked, held, is_anew, longest_growth, summed
 from tests.tracking.worlds import SPACING, at, drive, sure

@@ -2,11 +2,11 @@ import jax
 import numpy as np
 import pytest
 
+from aprjax.plane import relative
 from aprjax.sim.drive import drive
 from aprjax.sim.floor_plan import office
 from aprjax.sim.laser import Laser
 from aprjax.sim.odometry import OdometryConfig
-from aprjax.sim.plane import relative
 from aprjax.sim.run import simulate
 
 SCANS = 60

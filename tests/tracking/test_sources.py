@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import aprjax.tracking.scan_motion as motion
+from aprjax.plane import compose, compose_covariance
 from aprjax.scan import Scan
 from aprjax.tracking import validation
 from aprjax.tracking.apr import AprSource, MatchedSource, estimates
@@ -16,7 +17,6 @@ from aprjax.tracking.neighbours import Neighbours, seen_from
 from aprjax.tracking.odometry import Gyro, OdometryConfig, WheelOdometry
 from aprjax.world import alignment
 from aprjax.world.parts import Place
-from aprjax.world.plane import compose, compose_covariance
 from tests.tracking.worlds import EXACT, at, corridor, drive, sure, tracker
 from tests.worlds import office, scan_at
 

@@ -5,6 +5,7 @@ import logging
 import numpy as np
 import pytest
 
+from aprjax.plane import distance
 from aprjax.tracking.belief import Situation
 from aprjax.tracking.evidence import EvidenceConfig
 from aprjax.tracking.hypothesis import Step
@@ -13,7 +14,6 @@ from aprjax.tracking.sources import Estimate, Verdict
 from aprjax.tracking.tracker import HypothesisTracker, TrackerConfig
 from aprjax.tracking.validation import IdcSource
 from aprjax.world.parts import Place
-from aprjax.world.plane import distance
 from tests.tracking.worlds import (
     EXACT,
     Told,

@@ -4,10 +4,10 @@ import networkx as nx
 import numpy as np
 import pytest
 
+from aprjax.plane import distance, relative
 from aprjax.scan import Scan
 from aprjax.world.build import build_map
 from aprjax.world.parts import Place
-from aprjax.world.plane import distance, relative
 from aprjax.world.super_space import between, cycles, neighbourhood
 from experiments.office import contracted
 from tests.world.rings import LAP, drive

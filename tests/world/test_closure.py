@@ -2,11 +2,11 @@
 
 import numpy as np
 
+from aprjax.plane import compose
 from aprjax.world.closure import ClosureConfig, Located, recognize
 from aprjax.world.model import WorldModel
 from aprjax.world.motion import Motion
 from aprjax.world.parts import Arc, Place
-from aprjax.world.plane import compose
 from aprjax.world.recognition import Sightings
 from aprjax.world.smoothing import Measurements
 

@@ -2,9 +2,9 @@ import networkx as nx
 import numpy as np
 import pytest
 
+from aprjax.plane import relative
 from aprjax.world.motion import Motion
 from aprjax.world.parts import Place
-from aprjax.world.plane import relative
 from aprjax.world.smoothing import Measurements
 from aprjax.world.super_space import assemble
 from experiments.map_scores import frame_rms, pair_errors, score_map

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
+from aprjax.plane import compose, inverse
 from aprjax.world.model import WorldModel
 from aprjax.world.parts import Appearance, Arc, ArcEnd, Place, WorldModelError
-from aprjax.world.plane import compose, inverse
 from aprjax.world.super_space import between
 
 EXACT = np.zeros((3, 3))

@@ -1,15 +1,15 @@
 import numpy as np
 import pytest
 
-from aprjax.world.model import WorldModel
-from aprjax.world.parts import Arc, Place, WorldModelError
-from aprjax.world.plane import (
+from aprjax.plane import (
     compose,
     compose_covariance,
     inverse,
     inverse_covariance,
     relative,
 )
+from aprjax.world.model import WorldModel
+from aprjax.world.parts import Arc, Place, WorldModelError
 from aprjax.world.planning import PlanError, plan
 from aprjax.world.relax import relax
 from aprjax.world.super_space import assemble, between, connections, cycles, residuals

@@ -1,8 +1,8 @@
 """Motions of the plane on the host, and how their errors add up.
 
-Poses are those of `se2`, in NumPy and float64: they are composed by the hundred along a map. The
-covariance `(3, 3)` of a pose `T_a_b` is that of its three numbers as they stand, `x, y` along the
-axes of frame a: m², m rad, rad².
+Poses are those of `se2`, in NumPy and float64: a map may lie far from its frame's origin, and poses
+are composed by the hundred along it. The covariance `(3, 3)` of a pose `T_a_b` is that of its three
+numbers as they stand, `x, y` along the axes of frame a: m², m rad, rad².
 """
 
 import math
@@ -15,16 +15,18 @@ def wrap(angle: np.ndarray) -> np.ndarray:
     return np.mod(angle + np.pi, 2 * np.pi) - np.pi
 
 
+def transform(T_a_b: np.ndarray, xy_b: np.ndarray) -> np.ndarray:
+    """Points `(..., 2)` of frame b in frame a, for poses `(..., 3)`; leading axes broadcast."""
+    cos, sin = np.cos(T_a_b[..., 2]), np.sin(T_a_b[..., 2])
+    x, y = xy_b[..., 0], xy_b[..., 1]
+    return T_a_b[..., :2] + np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
+
+
 def compose(T_a_b: np.ndarray, T_b_c: np.ndarray) -> np.ndarray:
     """`T_a_c` of poses `(..., 3)`; leading axes broadcast."""
-    cos, sin = np.cos(T_a_b[..., 2]), np.sin(T_a_b[..., 2])
-    x, y, theta = np.moveaxis(T_b_c, -1, 0)
-    turned = [
-        T_a_b[..., 0] + cos * x - sin * y,
-        T_a_b[..., 1] + sin * x + cos * y,
-        wrap(T_a_b[..., 2] + theta),
-    ]
-    return np.stack(turned, axis=-1)
+    xy = transform(T_a_b, T_b_c[..., :2])
+    theta = wrap(T_a_b[..., 2] + T_b_c[..., 2])
+    return np.concatenate([xy, theta[..., None]], axis=-1)
 
 
 def relative(T_a_b: np.ndarray, T_a_c: np.ndarray) -> np.ndarray:

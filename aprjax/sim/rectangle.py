@@ -1,34 +1,8 @@
-"""Frames and rectangles on the host: plans and drives are made in NumPy, on no device.
-
-Poses are those of `se2`; a rectangle `(2, 2)` holds its low and its high corner in metres.
-"""
+"""Rectangles on the host, as plans are made of: `(2, 2)`, the low and the high corner in metres."""
 
 import numpy as np
 
-
-def wrap(angle: np.ndarray) -> np.ndarray:
-    """Radians, shifted by whole turns into [-π, π)."""
-    return np.mod(angle + np.pi, 2 * np.pi) - np.pi
-
-
-def transform(T_a_b: np.ndarray, xy_b: np.ndarray) -> np.ndarray:
-    """Points `(..., 2)` given in frame b, in frame a; `T_a_b` is one pose `(3,)`."""
-    cos, sin = np.cos(T_a_b[2]), np.sin(T_a_b[2])
-    x, y = xy_b[..., 0], xy_b[..., 1]
-    return T_a_b[:2] + np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
-
-
-def compose(T_a_b: np.ndarray, T_b_c: np.ndarray) -> np.ndarray:
-    """`T_a_c` for one pose `T_a_b` `(3,)` and poses `T_b_c` `(..., 3)`, angles in [-π, π)."""
-    xy = transform(T_a_b, T_b_c[..., :2])
-    return np.concatenate([xy, wrap(T_a_b[2] + T_b_c[..., 2:])], axis=-1)
-
-
-def relative(T_a_b: np.ndarray, T_a_c: np.ndarray) -> np.ndarray:
-    """`T_b_c` for poses `(..., 3)` of b and c in one frame, pair by pair, angles in [-π, π)."""
-    cos, sin = np.cos(T_a_b[..., 2]), np.sin(T_a_b[..., 2])
-    x, y, theta = np.moveaxis(T_a_c - T_a_b, -1, 0)
-    return np.stack([cos * x + sin * y, cos * y - sin * x, wrap(theta)], axis=-1)
+from aprjax.plane import transform
 
 
 def transform_rectangle(T_a_b: np.ndarray, rectangle: np.ndarray) -> np.ndarray:
