@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from aprjax.configuration import check_single
 from aprjax.matcher import MatchConfig, MatchResult, match_together
 from aprjax.numerics import bucket, single_precision
 from aprjax.programs import Program
@@ -114,11 +115,15 @@ def checked_queries(
 
 
 def checked_config(config: MatchConfig | None) -> MatchConfig:
-    """The configuration or the defaults; raises `ValueError` for one of another kind."""
+    """The configuration or the defaults.
+
+    Raises `ValueError` for one of another kind, and naming a threshold that is several numbers.
+    """
     if config is None:
         return _defaults()
     if not isinstance(config, MatchConfig):
         raise ValueError(f"config: {type(config).__name__} is no MatchConfig")
+    check_single(config)
     return config
 
 

@@ -22,9 +22,10 @@ JAX compiles a program for each combination of array shapes. aprjax pads to few 
 The first call therefore takes long, and later ones do not. Three things help:
 
 - `warm_up` compiles ahead of time, for so many beams and queries in a call;
-- `cache_compilations` keeps what is traced and compiled for later processes: reference sets,
-  matches and catalogues neither trace nor compile there what an earlier one did with the same
-  code, versions and device (`aprjax.programs`);
+- `cache_compilations` keeps what is traced and compiled for later processes: reference sets and
+  matches, those with a catalogue too, neither trace nor compile there what an earlier one did with
+  the same code, versions and device (`aprjax.programs`); all else, such as a catalogue's
+  signatures and their comparison, is traced anew, but not compiled;
 - scans in lists (`match_batch(scans, references)`) are padded to buckets, a stacked `Scan` is taken
   as it is: pad it alike (`Scan.pad`) to share what was compiled.
 

@@ -18,12 +18,15 @@ _Config = TypeVar("_Config", bound=eqx.Module)
 
 
 def threshold(default: float, doc: str, *, least: float = 0.0, most: float = np.inf) -> Any:
-    """A field that is a float32 array leaf, finite and from `least` to `most`.
+    """A field that is a float32 array leaf, finite and from `least` to `most`, both rounded to it.
 
     NumPy holds the value, so that building a configuration touches no device. The constructor
     raises `ValueError` naming the field, the index and the value of one out of its range; JAX's
-    arrays, and leaves that JAX puts into a configuration, are not looked at.
+    arrays, and leaves that JAX puts into a configuration, are not looked at. The field's metadata
+    hold the range.
     """
+    # Values are compared as float32: an angle of π is from 0 to π.
+    lowest, highest = np.float32(least), np.float32(most)
 
     def convert(value: Any) -> Any:
         # A weakly typed array would trace anew, so JAX's arrays are pinned too.
@@ -34,7 +37,7 @@ def threshold(default: float, doc: str, *, least: float = 0.0, most: float = np.
             raise ValueError(f"{field.name}: {shown(value)} is not a number")
         with np.errstate(over="ignore"):
             array = given.astype(np.float32, copy=False)
-        right = np.isfinite(array) & (array >= least) & (array <= most)
+        right = np.isfinite(array) & (array >= lowest) & (array <= highest)
         if not right.all():
             first = tuple(np.argwhere(~right)[0])
             at = ", ".join(map(str, first))
@@ -42,7 +45,7 @@ def threshold(default: float, doc: str, *, least: float = 0.0, most: float = np.
             raise ValueError(f"{field.name}{which} is not {_range(least, most)}")
         return array
 
-    field = _field(default, convert, doc)
+    field = _field(default, convert, {"doc": doc, "least": least, "most": most})
     return field
 
 
@@ -70,13 +73,26 @@ def capacity(default: int | None, doc: str, *, least: int = 1) -> Any:
             raise ValueError(f"{field.name}: {shown(value)} is not a whole number from {least}")
         return number
 
-    field = _field(default, convert, doc, static=True)
+    field = _field(default, convert, {"doc": doc}, static=True)
     return field
 
 
-def _field(default: Any, convert: Callable[[Any], Any], doc: str, static: bool = False) -> Any:
+def check_single(config: eqx.Module, name: str = "config") -> None:
+    """Raise `ValueError` naming a threshold that is several numbers, as for a sweep."""
+    if any(map(np.ndim, jax.tree.leaves(config))):
+        for path, leaf in jax.tree_util.tree_leaves_with_path(config):
+            if np.ndim(leaf):
+                raise ValueError(
+                    f"{name}{jax.tree_util.keystr(path)}: shape {np.shape(leaf)} is not a single "
+                    "number; aprjax.sweep takes several"
+                )
+
+
+def _field(
+    default: Any, convert: Callable[[Any], Any], metadata: dict[str, Any], static: bool = False
+) -> Any:
     """A field whose `name` is known to `convert` by the time it is called."""
-    return eqx.field(default=default, converter=convert, static=static, metadata={"doc": doc})
+    return eqx.field(default=default, converter=convert, static=static, metadata=metadata)
 
 
 def _range(least: float, most: float) -> str:

@@ -36,6 +36,7 @@ own result; in a batch it leaves its neighbours their bits.
 | angles that descend: the scanner hangs upside down | a scan, clockwise |
 | more than a full turn | ValueError: angle_increment |
 | a full turn with both its ends | a scan, without the last beam |
+| a full turn of few beams, its ends half an increment apart | a scan, with all its beams |
 | `range_min` negative or not below `range_max` | ValueError: range_min |
 | limits that are equal in float32 | ValueError: range_min |
 | **Wrong lengths** | |
@@ -44,6 +45,8 @@ own result; in a batch it leaves its neighbours their bits.
 | poses for another number of references | ValueError: T_world_ref |
 | excluded ids for another number of queries | ValueError: exclude |
 | a stack in which a field has another number of scans | ValueError: angle_min |
+| a stack in which a scan has fewer beams than none, or more than slots | ValueError: beams[1] |
+| a scan in a list with more beams than ranges | ValueError: scans[1] |
 | **Poses and ids** | |
 | a pose farther than 1e8 m from the origin | ValueError: T_world_ref[1] |
 | an excluded id that int32 cannot hold | ValueError: exclude[0, 1] |
@@ -61,6 +64,7 @@ own result; in a batch it leaves its neighbours their bits.
 | one of another kind | ValueError: config |
 | a threshold that is NaN or infinite | ValueError: cluster |
 | a threshold out of its range | ValueError: cluster |
+| several values of a threshold, where nothing is swept | ValueError: config.confident |
 | a value along a sweep that is either | ValueError: cluster[1] |
 | a capacity that is no whole number, or below its least | ValueError: places |
 | anchors not from 2 to 128 | ValueError: anchors |

@@ -1,12 +1,13 @@
 """APR scan matching: section 2 of the paper, from a scan to weighted global alignments."""
 
+from dataclasses import replace
 from functools import partial
 from typing import Self
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Complex, Float, Int
 
 from aprjax.alignment.align import AlignmentConfig, align, counterparts
 from aprjax.alignment.voting import VotingConfig, vote
@@ -46,14 +47,22 @@ class MatchConfig(eqx.Module):
     congruence: CongruenceConfig = CongruenceConfig()
     distinctiveness: DistinctivenessConfig = DistinctivenessConfig()
     probability: ProbabilityConfig = ProbabilityConfig()
-    min_quality: Float[Array, ""] = threshold(0.0, "least e_m of a hypothesis")
-    confident: Float[Array, ""] = threshold(0.18, "least e_m of an answer that may be acted on")
+    min_quality: Float[Array, ""] = threshold(0.0, "least quality of a hypothesis", most=1.0)
+    confident: Float[Array, ""] = threshold(
+        0.18, "least quality of an answer that may be acted on", most=1.0
+    )
     top_k: int | None = capacity(None, "references compared, those of the highest q_m; None is all")
     cascade: bool = capacity(
         True, "whether edges vote, and only a shortlist is fully evaluated; else the paper's way"
     )
     hypotheses: int = capacity(5, "K, the most hypotheses of a query")
     chunk: int = capacity(32, "queries worked on at a time, which bounds the memory")
+
+    @property
+    def listing(self) -> ShortlistConfig:
+        """The shortlist's rules, with room for as many alternatives as hypotheses are asked for."""
+        rules, most = self.shortlist, self.hypotheses
+        return replace(rules, passed=max(rules.passed, most), kept=max(rules.kept, most))
 
 
 class Counts(eqx.Module):
@@ -62,7 +71,7 @@ class Counts(eqx.Module):
     anchors: Int[Array, "*batch"]
     """Anchors of the query."""
     overflow: Int[Array, "*batch"]
-    """Anchors that the capacity left out."""
+    """Anchors that the capacity left out, counted up to the capacity."""
     aligned: Int[Array, "*batch"]
     """References with at least one alternative."""
     alternatives: Int[Array, "*batch"]
@@ -95,9 +104,10 @@ class MatchResult(eqx.Module):
     covariance: Float[Array, "*batch K 3 3"]
     """Of `T_ref_query`: m², m rad, rad²."""
     quality: Float[Array, "*batch K"]
-    """e_m in [0, 1]."""
+    """In [0, 1]: e_m less what rivals cost. As the counts of what agrees, it is of the alignment
+    that was evaluated, of which the last solve then makes `T_ref_query`."""
     probability: Float[Array, "*batch K"]
-    """Of being right, from e_m; see `aprjax.evaluation.probability` for what it assumes."""
+    """Of being right, from the quality; see `aprjax.evaluation.probability` for what it assumes."""
     preselection: Float[Array, "*batch K"]
     """q_m of the reference."""
     agreeing_anchors: Int[Array, "*batch K"]
@@ -106,8 +116,8 @@ class MatchResult(eqx.Module):
     """Compared beams, of both scans, that agree with the synthetic scans."""
     valid: Bool[Array, "*batch K"]
     confident: Bool[Array, "*batch"]
-    """Whether the best hypothesis may be acted on: its e_m reaches `MatchConfig.confident`, and
-    no rival explains the scan about as well. Where it is false, the robot is lost."""
+    """Whether the best hypothesis may be acted on: its quality reaches `MatchConfig.confident`,
+    and no rival explains the scan about as well. Where it is false, the robot is lost."""
     counts: Counts
     status: Int[Array, "*batch"]
     """A `Status`."""
@@ -151,9 +161,10 @@ def match_together(
     queries = jax.vmap(describe, (0, None))(scans, references.config)
     relation = references.config.relation
     q_m = preselection_quality(queries.histogram, references.features.histogram, relation)
+    spectra = None if config.cascade else direction_spectra(references)
 
     def one(of: tuple[Features, Array, Array]) -> MatchResult:
-        return match_one(*of, references, config)
+        return match_one(*of, references, config, spectra)
 
     each = jax.vmap(one) if together else partial(jax.lax.map, one)
     return each((queries, q_m, excluded))
@@ -165,11 +176,15 @@ def match_one(
     excluded: Int[Array, " any"],
     references: ReferenceIndex,
     config: MatchConfig,
+    spectra: Complex[Array, "rows frequencies length_bins"] | None = None,
 ) -> MatchResult:
-    """One query, in the order of section 2: alignments, their evaluation, the best of them."""
+    """One query, in the order of section 2: alignments, their evaluation, the best of them.
+
+    `spectra` as in `exhaustive`.
+    """
     answering = references.valid & ~jnp.any(references.ids[:, None] == excluded[None, :], axis=1)
     allowed = preselected(q_m, answering, config)
-    candidates = cascade if config.cascade else exhaustive
+    candidates = cascade if config.cascade else partial(exhaustive, spectra=spectra)
     found, listed = candidates(query, allowed, references, config)
     evaluated = evaluate(query, listed, references.features, config)
     ranked = rank(evaluated, references, config)
@@ -198,7 +213,7 @@ def cascade(
         query,
         references.config.raster,
         config.alignment,
-        config.shortlist,
+        config.listing,
     )
     return found, listed
 
@@ -208,16 +223,28 @@ def exhaustive(
     allowed: Bool[Array, " rows"],
     references: ReferenceIndex,
     config: MatchConfig,
+    spectra: Complex[Array, "rows frequencies length_bins"] | None = None,
 ) -> tuple[Int[Array, " rows"], Shortlist]:
-    """All alternatives of the paper's alignment with each reference, and how many there are."""
+    """All alternatives of the paper's alignment with each reference, and how many there are.
+
+    `spectra` are the references' `direction_spectra`, where several queries share them.
+    """
     relation = references.config.relation
     graphs = references.features.graph
-    spectra = jax.vmap(direction_spectrum, (0, None))(graphs, relation)
+    spectra = direction_spectra(references) if spectra is None else spectra
     angles = matching_angles(direction_spectrum(query.graph, relation)[None], spectra, relation)[0]
     aligned = jax.vmap(align, (0, None, 0, None))(graphs, query.graph, angles, config.alignment)
     aligned = eqx.tree_at(lambda a: a.valid, aligned, aligned.valid & allowed[:, None])
     found = jnp.sum(aligned.valid, axis=1, dtype=jnp.int32)
     return found, all_alternatives(aligned, jnp.arange(allowed.shape[0]))
+
+
+def direction_spectra(
+    references: ReferenceIndex,
+) -> Complex[Array, "rows frequencies length_bins"]:
+    """The `direction_spectrum` of every reference."""
+    graphs, relation = references.features.graph, references.config.relation
+    return jax.vmap(direction_spectrum, (0, None))(graphs, relation)
 
 
 def preselected(
@@ -261,7 +288,8 @@ def evaluate(
 def rank(evaluated: Evaluated, references: ReferenceIndex, config: MatchConfig) -> Ranked:
     """The K best alternatives, their qualities, and whether the best one has an equal rival.
 
-    Alternatives of one reference that refinement brought to the same pose are one hypothesis.
+    Alternatives of one reference that refinement brought to the same pose are one hypothesis. How
+    many hypotheses are asked for changes the quality of none.
     """
     rules = config.distinctiveness
     T_ref_query, row = evaluated.T_ref_query, evaluated.row

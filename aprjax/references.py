@@ -9,7 +9,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
-from aprjax.configuration import shown
+from aprjax.configuration import check_single, shown
 from aprjax.evaluation.distinctiveness import Placement
 from aprjax.features import FeatureConfig, Features, describe
 from aprjax.grid.occupancy_grid import OccupancyGrid
@@ -107,9 +107,9 @@ class ReferenceSet:
 
         `like` is one scan of the laser, of which beams and limits are taken; by default 360 beams
         look all around, up to 30 m. With a field of view that is no full turn, each place gets so
-        many headings that every direction is seen from two. The lengths in metres are those of
-        `grid.viewpoints`, to which places are left to: every place of the floor with `clearance`
-        is within `distance` of a viewpoint that sees it. `T_world_ref` are the poses in the
+        many headings that every direction is seen from two. The lengths in metres are as in
+        `grid.viewpoints`, which chooses the places: every place of the floor with `clearance` is
+        within `distance` of a viewpoint that sees it. `T_world_ref` are the poses in the
         grid's world. The same set every time. Raises `ValueError` as `viewpoints` and `render` do.
         """
         if like is None:
@@ -137,6 +137,7 @@ class ReferenceSet:
     ) -> Self:
         """The set of stacked `scans` under ascending `ids` `(references,)`, as a file holds it."""
         poses = checked_poses(T_world_ref, len(ids))
+        scans, ids = jax.tree.map(np.array, (scans, ids))  # nobody else's, to stay as they are
         return cls._of(scans, ids, next_id, poses, described(scans, config), config)
 
     @classmethod
@@ -160,20 +161,16 @@ class ReferenceSet:
     def add(self, scans: Sequence[Scan] | Scan, *, T_world_ref: np.ndarray | None = None) -> Self:
         """The set with these scans added under the next ids; only they are described anew.
 
-        `T_world_ref` as in `build`, for the added scans.
+        But for one with more beams than the scans of the set have slots: then all are, and matching
+        compiles anew. `T_world_ref` as in `build`, for the added scans.
         """
-        slots = self.scans.ranges.shape[-1]
-        new = as_stack(scans)
+        there, new = equally_wide(self.scans, as_stack(scans))
         count = new.ranges.shape[0]
-        slots = max(slots, new.ranges.shape[-1])
-        if slots > self.scans.ranges.shape[-1]:
-            # Views are as wide as the scans, so wider scans mean describing all again.
-            both = joined(self.scans.pad(slots), new.pad(slots))
-            features = described(both, self.index.config)
-        else:
-            new = new.pad(slots)
-            both = joined(self.scans, new)
+        both = joined(there, new)
+        if there.ranges.shape == self.scans.ranges.shape:
             features = joined(self._features(), described(new, self.index.config))
+        else:  # views are as wide as the scans
+            features = described(both, self.index.config)
         ids = np.r_[self.ids, self.next_id + np.arange(count)].astype(np.int32)
         poses = np.concatenate([self.T_world_ref, checked_poses(T_world_ref, count)])
         return self._of(both, ids, self.next_id + count, poses, features, self.index.config)
@@ -199,11 +196,15 @@ class ReferenceSet:
 
 
 def checked_features(config: FeatureConfig | None) -> FeatureConfig:
-    """The configuration or the defaults; raises `ValueError` for one of another kind."""
+    """The configuration or the defaults.
+
+    Raises `ValueError` for one of another kind, and naming a threshold that is several numbers.
+    """
     if config is None:
         return FeatureConfig()
     if not isinstance(config, FeatureConfig):
         raise ValueError(f"config: {type(config).__name__} is no FeatureConfig")
+    check_single(config)
     return config
 
 
@@ -259,6 +260,16 @@ def checked_ids(name: str, ids: Any) -> np.ndarray:
 def rows_of(stacked, rows):
     """Some rows of stacked scans or features, on the host."""
     return jax.tree.map(lambda array: np.asarray(array)[rows], stacked)
+
+
+def equally_wide(there: Scan, new: Scan) -> tuple[Scan, Scan]:
+    """Both stacks on the host, as wide as `there` where the beams of `new` fit into that."""
+    slots = there.ranges.shape[-1]
+    if np.max(new.beams) > slots:
+        slots = max(slots, new.ranges.shape[-1])
+    else:  # what is cut off is padding
+        new = eqx.tree_at(lambda scans: scans.ranges, new, np.asarray(new.ranges)[:, :slots])
+    return there.pad(slots), new.pad(slots)
 
 
 def joined(first, second):

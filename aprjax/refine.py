@@ -19,35 +19,54 @@ from aprjax.evaluation.view import View
 from aprjax.numerics import HIGHEST, arctan2, dot, safe_norm, take, wrap
 from aprjax.se2 import Pose, inverse, transform
 
+_LEAST = 1e-6  # metres and radians: what divides is never zero, and its square is a float32
 
-class RefineConfig(eqx.Module):
-    """How points and surfaces are paired, how often, and the errors of their distances."""
 
-    gate: Float[Array, ""] = threshold(0.5, "metres off the surface that are allowed at first")
-    final_gate: Float[Array, ""] = threshold(0.1, "metres at last")
+class SettleConfig(eqx.Module):
+    """How points and surfaces are paired, and how often."""
+
+    gate: Float[Array, ""] = threshold(
+        0.5, "metres off the surface that are allowed at first", least=_LEAST
+    )
+    final_gate: Float[Array, ""] = threshold(0.1, "metres at last", least=_LEAST)
     reach: Float[Array, ""] = threshold(3.0, "gates that paired points may lie apart in all")
+    points: int = capacity(128, "most end points that are paired in a coarse step")
+    iterations: int = capacity(6, "coarse steps", least=0)
+
+
+class RefineConfig(SettleConfig):
+    """The same, and the errors of the distances, for the last solve."""
+
     noise: Float[Array, ""] = threshold(
         0.0058, "metres: standard deviation of a range, with its rounding to a centimetre"
     )
     noise_per_metre: Float[Array, ""] = threshold(0.0005, "what range adds to it, metres a metre")
     bias: Float[Array, ""] = threshold(
-        0.0087, "metres: standard deviation of the error that all ranges of a scan share"
+        0.0087,
+        "metres: standard deviation of the error that all ranges of a scan share",
+        least=_LEAST,
     )
     roughness: Float[Array, ""] = threshold(
-        0.003, "metres: standard deviation of a surface off the line that stands for it"
+        0.003,
+        "metres: standard deviation of a surface off the line that stands for it",
+        least=_LEAST,
     )
-    outlier: Float[Array, ""] = threshold(4.0, "standard deviations at which a pair has no say")
+    outlier: Float[Array, ""] = threshold(
+        4.0, "standard deviations at which a pair has no say", least=0.001
+    )
     cluster: Float[Array, ""] = threshold(
         20.0, "neighbouring pairs that share what their distances have beyond these errors"
     )
     trust: Float[Array, ""] = threshold(
-        0.05, "metres and radians: standard deviation of the pose that the last solve starts from"
+        0.05,
+        "metres and radians: standard deviation of the pose that the last solve starts from",
+        least=_LEAST,
     )
     prior: Float[Array, ""] = threshold(
-        1.0, "metres and radians: standard deviation of each coordinate where nothing holds it"
+        1.0,
+        "metres and radians: standard deviation of each coordinate where nothing holds it",
+        least=_LEAST,
     )
-    points: int = capacity(128, "most end points that are paired in a coarse step")
-    iterations: int = capacity(6, "coarse steps", least=0)
     beams: int = capacity(128, "most end points of each scan that are paired in the last solve")
     solver_steps: int = capacity(4, "most evaluations of the last solve")
 
@@ -74,7 +93,7 @@ class _Pairs(eqx.Module):
     real: Bool[Array, " pairs"]
 
 
-def settle(reference: View, query: View, T_ref_query: Pose, config: RefineConfig) -> Pose:
+def settle(reference: View, query: View, T_ref_query: Pose, config: SettleConfig) -> Pose:
     """The pose near `T_ref_query` at which the query's end points lie on the reference's surfaces.
 
     A fixed number of cheap steps with a robust weight (Tukey's) whose scale shrinks from one gate

@@ -68,8 +68,8 @@ class Scan(eqx.Module):
         and non-empty numbers, if an angle or limit is no finite number, if the increment is zero
         or the beams cover more than a full turn, or unless `0 <= range_min < range_max`, all of
         them as float32. No range value is refused: what is not a hit and not +inf is invalid, what
-        a NumPy mask hides too. A last beam that looks where the first one does is left out.
-        `aprjax.contract` has it as a table.
+        a NumPy mask hides too. A last beam that looks where the first one does, to a tenth of the
+        increment, is left out. `aprjax.contract` has it as a table.
         """
         values = _single(_numbers("ranges", ranges))
         if values.ndim != 1 or values.size == 0:
@@ -90,7 +90,7 @@ class Scan(eqx.Module):
             raise ValueError(
                 f"angle_increment: {angle_increment} rad is zero, or {values.size} beams pass 360°"
             )
-        if step * (values.size - 0.5) > 2 * np.pi:
+        if step * (values.size - 0.9) >= 2 * np.pi:
             values = values[:-1]
         if not 0 <= kept["range_min"] < kept["range_max"]:
             raise ValueError(
@@ -177,7 +177,8 @@ class Scan(eqx.Module):
     def stack(cls, scans: Iterable[Self], slots: int | None = None) -> Self:
         """One batch on the host from scans of any beam counts, padded to `slots` or their bucket.
 
-        Raises `ValueError` for an empty list, and for what is no scan or a batch itself.
+        Raises `ValueError` for an empty list, for what is no scan or a batch itself, and for more
+        beams than ranges.
         """
         if not isinstance(scans, Iterable):
             raise ValueError(f"scans: {type(scans).__name__} is no list of scans")
@@ -200,14 +201,20 @@ class Scan(eqx.Module):
         for row, scan in zip(ranges, scans, strict=True):
             row[: scan.ranges.shape[-1]] = _typed("ranges", scan.ranges)
         columns = {name: _typed(name, column) for name, column in columns.items()}
+        for index, scan in enumerate(scans):
+            beams = columns["beams"][index]
+            if not 0 <= beams <= scan.ranges.shape[-1]:
+                raise ValueError(
+                    f"scans[{index}]: {beams} beams is not from 0 to {scan.ranges.shape[-1]}"
+                )
         return cls(ranges=ranges, **columns)  # pyright: ignore[reportArgumentType]
 
 
 def as_stack(scans: Sequence[Scan] | Scan, of: str = "references") -> Scan:
     """Stacked scans `(any, slots)` in the documented dtypes, from a list or a stacked `Scan`.
 
-    `of` is what they are, for the message. Raises `ValueError` for other shapes, for none, and
-    for what are no numbers.
+    `of` is what they are, for the message. Raises `ValueError` for other shapes, for none, for
+    what are no numbers, and for numbers of beams that the slots cannot hold.
     """
     if not isinstance(scans, Scan):
         return Scan.stack(scans)
@@ -216,6 +223,10 @@ def as_stack(scans: Sequence[Scan] | Scan, of: str = "references") -> Scan:
         raise ValueError(f"scans: ranges of shape {shape} are not ({of}, beams)")
     given = {name: getattr(scans, name) for name in _FIELDS}
     fields = {name: _typed(name, values) for name, values in given.items()}
+    beams = np.asarray(fields["beams"])
+    wrong = np.flatnonzero((beams < 0) | (beams > shape[1]))
+    if wrong.size:
+        raise ValueError(f"beams[{wrong[0]}]: {beams[wrong[0]]} is not from 0 to {shape[1]}")
     if all(fields[name] is values for name, values in given.items()):
         return scans
     return Scan(**fields)  # pyright: ignore[reportArgumentType]

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.alignment.align import AlignmentConfig, Alternatives, counterparts
@@ -20,7 +21,7 @@ from aprjax.evaluation.screen import ScreenConfig, screen
 from aprjax.evaluation.signature import likeness
 from aprjax.features import Features
 from aprjax.numerics import square_gaps
-from aprjax.refine import RefineConfig, settle
+from aprjax.refine import SettleConfig, settle
 from aprjax.se2 import Pose
 
 
@@ -29,10 +30,10 @@ class ShortlistConfig(eqx.Module):
 
     glance: GlanceConfig = GlanceConfig()
     alike: Float[Array, ""] = threshold(2.0, "log odds for each unit of the places' likeness")
-    settle: RefineConfig = RefineConfig(points=48, iterations=3)
+    settle: SettleConfig = SettleConfig(points=48, iterations=3)
     closer: ScreenConfig = ScreenConfig()
     distance: Float[Array, ""] = threshold(0.1, "metres up to which two poses are one")
-    angle: Float[Array, ""] = threshold(0.05, "radians, likewise")
+    angle: Float[Array, ""] = threshold(0.05, "radians, likewise", most=np.pi)
     passed: int = capacity(96, "alternatives that pass the glance, over all references")
     kept: int = capacity(24, "alternatives that pass the second look")
 

@@ -15,7 +15,9 @@ class Status(enum.IntEnum):
     AMBIGUOUS = 1
     """As OK, but another place explains the scan about as well as the best hypothesis.
 
-    That is another pose in its reference, or one in a reference whose scan contradicts it.
+    That is another pose in its reference, or one in a reference whose scan contradicts it. Where
+    the poses of both references are known (`T_world_ref`), it is any other pose in their frame,
+    whether the scans contradict each other or look the same.
     """
     CAPACITY_EXCEEDED = 2
     """As OK, but the scan had more anchors than the capacity; the most salient were used."""

@@ -5,18 +5,26 @@
 One row for each real log and each of the lab's seeds 0 to 4: anchors per scan, how many of them
 reappear within 0.1 m in another scan of the same place (within 1 m and 30°), and the share of the
 beams that the segmentation removes as small. Reads corrected logs (see `data.py` for where).
-Writes `clutter.csv`, `clutter.png` and `configuration.json` into DIR; the exit status is 1 if a lab
-lies outside the logs' range.
+Prints which labs lie outside the logs' range. Writes `clutter.csv`, `clutter.png` and
+`configuration.json` into DIR.
 """
 
 import argparse
 import sys
 from pathlib import Path
 
-from anchors import RADIUS, WITHIN, Described, describe, read, repeatability_rows, scan_row
 from matplotlib.figure import Figure
 
 from aprjax.sim.lab import lab
+from experiments.anchors import (
+    RADIUS,
+    WITHIN,
+    Described,
+    describe,
+    read,
+    repeatability_rows,
+    scan_row,
+)
 from experiments.data import corrected_log
 from experiments.outputs import (
     BLUE,
@@ -99,13 +107,11 @@ def main() -> int:
         within=WITHIN[PLACE], radius=RADIUS,
     )  # fmt: skip
 
-    outside = 0
     for column in COMPARED:
         low, high = (limit(entry[column] for entry in logs) for limit in (min, max))
         out = [entry["place"] for entry in labs if not low <= entry[column] <= high]
-        outside += len(out)
         print(f"{column}: logs span {low} to {high}; outside: {', '.join(out) or 'none'}")
-    return 1 if outside else 0
+    return 0
 
 
 if __name__ == "__main__":

@@ -1,7 +1,18 @@
 """Where the public logs lie, and how their splits are read.
 
 The folder of the data is what the environment variable APRJAX_DATA names, else `../shared/data`
-beside the repository.
+beside the repository. The logs are CARMEN's, from Radish, the Robotics Data Set Repository: Intel
+Research Lab, Freiburg's building 079, the FHW museum, ACES in Austin, Belgioioso castle, MIT CSAIL.
+Poses in them are the truth, which only scores. In it lie
+
+    logs/NAME-corrected.log.gz      whole runs as published; NAME.graph.log.gz, as pose graphs
+    splits/NAME/references.log.gz   the scans of a run that are kept, and of the same or a later one
+    splits/NAME/queries.log.gz      those that are matched; interleaved: the scans in between;
+                                    revisit: later passes, also where no reference was taken
+    splits/NAME/mapped.txt          a 1 for each query with a reference within 2 m and 40° that no
+                                    wall parts from it, else a 0
+    maps/NAME/build.log.gz, .tum    scans with raw odometry, and the truth apart
+    tracks/NAME/build.*, track.*    the same of two drives; kidnapped_at.txt, numbers of scans
 """
 
 import os

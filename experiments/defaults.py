@@ -43,26 +43,10 @@ FACTORS = {"halved": 0.5, "doubled": 2.0}
 FIGURES = ("top1", "hits", "error_m")
 DRAWN = 16  # settings
 
-_LAST_SOLVE = (
-    "noise",
-    "noise_per_metre",
-    "bias",
-    "roughness",
-    "outlier",
-    "cluster",
-    "trust",
-    "prior",
-    "beams",
-    "solver_steps",
-)
 _Q_M = "for q_m, by which nothing is chosen where all references are aligned"
 REASONS = {
     "features.relation.parts": _Q_M,
     "features.relation.part_tolerance": _Q_M,
-    **{
-        f"match.shortlist.settle.{name}": "of the last solve, which the shortlist does without"
-        for name in _LAST_SOLVE
-    },
     "match.distinctiveness.equal": "calls answers ambiguous, and ranks none",
     "match.confident": "calls answers confident, and ranks none",
     "match.probability.offset": "probability follows the order of e_m",

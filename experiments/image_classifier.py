@@ -19,7 +19,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from scan_classifier import draw, with_mean
 
 from aprjax.places.classifier import ViewClassifier
 from aprjax.places.features import image_features
@@ -30,6 +29,7 @@ from aprjax.sim.drive import drive
 from aprjax.sim.floor_plan import office
 from aprjax.sim.textures import Textures
 from experiments.outputs import print_table, write_configuration, write_figure, write_table
+from experiments.scan_classifier import draw, with_mean
 
 MAPPING, SECOND = (600, 0.5), (300, 1.0)  # images, and seconds between them
 REARRANGED = 0.25  # share of the movable things that stand elsewhere in the second drive

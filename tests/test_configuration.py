@@ -15,7 +15,7 @@ from aprjax.anchors.extract import ExtractionConfig
 from aprjax.configuration import from_dict, to_dict
 from aprjax.features import FeatureConfig
 from aprjax.matcher import MatchConfig
-from aprjax.refine import RefineConfig
+from aprjax.refine import RefineConfig, SettleConfig
 from aprjax.relations.histograms import RelationConfig
 
 CONFIGS = [ExtractionConfig(), RelationConfig(), AlignmentConfig(), FeatureConfig()]
@@ -98,9 +98,15 @@ SIGNED = {"offset", "slope", "angle_min", "angle_increment"}
 FROM_ZERO = {
     "RotationConfig.width",
     "RefineConfig.iterations",
+    "SettleConfig.iterations",
     "RelationConfig.length_tolerance",
     "RelationConfig.part_tolerance",
 }
+
+
+def below(kind):
+    """All kinds that derive from one, from those that do too."""
+    return [each for own in kind.__subclasses__() for each in (own, *below(own))]
 
 
 def fields_of_all(static):
@@ -108,14 +114,14 @@ def fields_of_all(static):
     for module in pkgutil.walk_packages(aprjax.__path__, "aprjax."):
         if not module.name.endswith("__main__"):
             importlib.import_module(module.name)
-    kinds = [kind for kind in eqx.Module.__subclasses__() if kind.__module__.startswith("aprjax.")]
+    kinds = [kind for kind in below(eqx.Module) if kind.__module__.startswith("aprjax.")]
     found = [
         (kind, field.name, field.default)
         for kind in kinds
         for field in dataclasses.fields(kind)
         if "doc" in field.metadata and field.metadata.get("static", False) == static
     ]
-    assert len({kind for kind, _, _ in found}) > 5
+    assert {SettleConfig, RefineConfig} < {kind for kind, _, _ in found}
     return found
 
 
@@ -128,10 +134,61 @@ def test_every_threshold_is_a_finite_number_and_none_below_zero_but_those_of_any
         with pytest.raises(ValueError, match=rf"^{name}\[1\]: nan is not a"):
             kind(**{name: np.array([default, np.nan])})
         if name not in SIGNED:
-            with pytest.raises(ValueError, match=rf"^{name}: -1\.0 is not a .*number from 0"):
+            with pytest.raises(ValueError, match=rf"^{name}: -1\.0 is not a .*number from \d"):
                 kind(**{name: -1.0})
-            with pytest.raises(ValueError, match=rf"^{name}\[2\]: -1\.0 is not a .*number from 0"):
+            with pytest.raises(ValueError, match=rf"^{name}\[2\]: -1\.0 is not a .*number from \d"):
                 kind(**{name: [default, default, -1.0]})
+
+
+def test_the_ends_of_a_range_are_in_it_and_what_is_beyond_is_refused():
+    """As float32: π, rounded to it, is more than π."""
+    bounded = set()
+    for kind, name, _ in fields_of_all(static=False):
+        if kind.__module__.startswith("aprjax.sim"):  # refuses zeros in its own words
+            continue
+        (field,) = (field for field in dataclasses.fields(kind) if field.name == name)
+        least, most = field.metadata["least"], field.metadata["most"]
+        for end, beyond in ((least, least - 1), (most, most + 1)):
+            if np.isfinite(end):
+                bounded.add(name)
+                assert getattr(kind(**{name: end}), name) == np.float32(end)
+                assert getattr(kind(**{name: np.float32(end)}), name) == np.float32(end)
+                with pytest.raises(ValueError, match=f"^{name}: .* is not a"):
+                    kind(**{name: beyond})
+    assert {"weight", "angle", "min_quality", "incidence", "trust"} <= bounded
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"alignment": {"correspondence": {"angle": 3.2}}},
+        {"shortlist": {"angle": 3.2}},
+        {"distinctiveness": {"angle": 3.2}},
+        {"distinctiveness": {"weight": 1.1}},
+        {"distinctiveness": {"contradiction": 1.1}},
+        {"distinctiveness": {"harmony": 1.1}},
+        {"confident": 1.1},
+        {"min_quality": 1.1},
+    ],
+    ids=str,
+)
+def test_an_angle_beyond_half_a_turn_and_a_share_beyond_all_are_refused(values):
+    """A cosine would take the angle for a smaller one."""
+    with pytest.raises(ValueError, match=r": (3\.2|1\.1) is not a number from 0 to (3\.14159|1)$"):
+        from_dict(MatchConfig, values)
+
+
+@pytest.mark.parametrize("stage", ["segment", "virtual_edge"])
+def test_an_angle_with_a_surface_beyond_a_right_one_is_refused(stage):
+    name = {"segment": "incidence", "virtual_edge": "min_angle"}[stage]
+    with pytest.raises(ValueError, match=f"^{name}: 1.6 is not a number from .* to 1.5708"):
+        from_dict(ExtractionConfig, {stage: {name: 1.6}})
+
+
+def test_what_divides_is_never_zero():
+    for name in ("gate", "final_gate", "bias", "roughness", "outlier", "trust", "prior"):
+        with pytest.raises(ValueError, match=f"^{name}: 0 is not a finite number from"):
+            RefineConfig(**{name: 0})
 
 
 def test_every_capacity_is_a_whole_number_from_one_but_a_few_from_zero():

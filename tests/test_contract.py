@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable
 
+import equinox as eqx
 import jax
 import numpy as np
 import pytest
@@ -171,6 +172,12 @@ def test_every_row_of_the_table_is_so(log, readings, references, status):
     batch = Scan.stack([good, good])
     uneven = {name: getattr(batch, name) for name in Scan.__dataclass_fields__}
     uneven["angle_min"] = np.zeros(3, np.float32)
+
+    def counted(beams: int) -> Scan:
+        """The batch with so many beams in its second scan."""
+        return eqx.tree_at(lambda scans: scans.beams, batch, np.array([181, beams], np.int32))
+
+    several = FeatureConfig(ExtractionConfig(apart=np.array([0.2, 0.3])))  # pyright: ignore[reportArgumentType]
     unequal = ((20, np.linspace(1, 4, 20)), (3, [1.0, 2.0]))
 
     def skipped() -> str:
@@ -234,6 +241,11 @@ def test_every_row_of_the_table_is_so(log, readings, references, status):
         "angles that descend: the scanner hangs upside down": descending,
         "more than a full turn": lambda: refused(lambda: make(np.ones(400))),
         "a full turn with both its ends": both_ends,
+        "a full turn of few beams, its ends half an increment apart": lambda: (
+            "a scan, with all its beams"
+            if make(np.ones(4), angle_increment=np.radians(103)).beams == 4
+            else "another"
+        ),
         "`range_min` negative or not below `range_max`": lambda: all_equal(
             refused(lambda: make([1.0], range_min=value))  # noqa: B023
             for value in (-0.1, 30.0, 31.0)
@@ -252,6 +264,13 @@ def test_every_row_of_the_table_is_so(log, readings, references, status):
         ),
         "a stack in which a field has another number of scans": lambda: refused(
             lambda: Scan(**uneven)
+        ),
+        "a stack in which a scan has fewer beams than none, or more than slots": lambda: all_equal(
+            refused(lambda: match_batch(counted(beams), references))  # noqa: B023
+            for beams in (-1, 193, 2**31 - 1)
+        ),
+        "a scan in a list with more beams than ranges": lambda: refused(
+            lambda: match_batch([good, jax.tree.map(lambda a: a[1], counted(193))], references)
         ),
         "a pose farther than 1e8 m from the origin": lambda: all_equal(
             refused(lambda: ReferenceSet.build(batch, T_world_ref=[[0, 0, 0], [0, far, 0]]))  # noqa: B023
@@ -308,6 +327,14 @@ def test_every_row_of_the_table_is_so(log, readings, references, status):
         "a value along a sweep that is either": lambda: all_equal(
             refused(lambda: RefineConfig(cluster=np.array([1.0, value, 2.0])))  # noqa: B023
             for value in (np.nan, -1.0)
+        ),
+        "several values of a threshold, where nothing is swept": lambda: all_equal(
+            (
+                refused(lambda: match(good, references, MatchConfig(confident=[0.1, 0.2]))),  # pyright: ignore[reportArgumentType]
+                refused(lambda: ReferenceSet.build([good], several)).replace(
+                    "extraction.apart", "confident"
+                ),
+            )
         ),
         "a capacity that is no whole number, or below its least": lambda: all_equal(
             refused(lambda: VotingConfig(places=places))  # noqa: B023

@@ -10,12 +10,14 @@ import pytest
 from aprjax import batch
 from aprjax.batch import match, match_batch
 from aprjax.evaluation.congruence import CongruenceConfig
-from aprjax.matcher import MatchConfig, preselected
+from aprjax.matcher import MatchConfig, cascade, preselected
 from aprjax.references import ReferenceSet
 from aprjax.refine import RefineConfig
 from aprjax.relations.histograms import preselection_quality
 from aprjax.scan import Scan
+from aprjax.shortlist import ShortlistConfig
 from aprjax.status import Status
+from aprjax.sweeping.axes import configured
 from tests.make_logs import _near
 from tests.oracles import evaluation as oracle
 from tests.worlds import free_pose, office, scan_at
@@ -491,6 +493,17 @@ def test_without_the_cascade_its_hypotheses_are_found_too(scene, result):
         assert np.any(near & (full.reference == best.reference[0])) or not best.valid[0]
 
 
+@pytest.mark.parametrize("hypotheses", [5, 40, 200])
+def test_the_shortlist_has_room_for_all_hypotheses_that_are_asked_for(scene, hypotheses):
+    config, usual = MatchConfig(hypotheses=hypotheses), ShortlistConfig()
+    assert config.listing.kept == max(hypotheses, usual.kept)
+    assert config.listing.passed == max(hypotheses, usual.passed)
+    index = scene.references.index
+    query = jax.tree.map(lambda leaf: leaf[0], index.features)
+    _, listed = jax.eval_shape(cascade, query, index.valid, index, config)
+    assert listed.row.shape == (max(hypotheses, usual.kept),)
+
+
 # Compilations
 
 
@@ -539,6 +552,15 @@ def test_thresholds_on_the_device_do_not_compile_anew(scene, result, compilation
 
 
 # What is refused
+
+
+@pytest.mark.parametrize("name", ["confident", "congruence.tolerance"])
+def test_several_values_of_a_threshold_are_refused_by_name_and_told_of_sweeps(scene, name):
+    config = configured(MatchConfig(), {name: [0.1, 0.2]})
+    with pytest.raises(
+        ValueError, match=rf"^config\.{name}: shape \(2,\) is not a single number; "
+    ):
+        match(scene.queries[0], scene.references, config)
 
 
 def test_no_scans_are_refused(scene):

@@ -85,6 +85,33 @@ def test_added_scans_may_have_more_beams_than_those_there(scans):
     assert_same(ReferenceSet.build(scans[:3]).add([wide]), ReferenceSet.build([*scans[:3], wide]))
 
 
+def test_scans_of_as_many_beams_are_added_to_a_stack_without_describing_the_others_anew(scans):
+    """A list is padded to a bucket, a stack is taken as it is."""
+    rows = [scan.ranges for scan in scans[:3]]
+    fields = {name: getattr(Scan.stack(scans[:3]), name) for name in Scan.__dataclass_fields__}
+    start = ReferenceSet.build(Scan(**fields | {"ranges": np.stack(rows)}))
+    added = start.add(scans[3:5])
+    assert added.scans.ranges.shape == (5, 181)
+    for a, b in zip(*map(jax.tree.leaves, (features(added), features(start))), strict=True):
+        np.testing.assert_array_equal(a[:3], b)
+    np.testing.assert_array_equal(added.scans.ranges[3:], [scan.ranges for scan in scans[3:5]])
+    assert_same(added.add([scans[5].pad(300)]), start.add(scans[3:6]))
+
+
+def test_what_a_set_was_built_from_may_change_and_the_set_does_not(scans):
+    stack, poses = Scan.stack(scans[:3]), np.zeros((3, 3))
+    built = ReferenceSet.build(stack, T_world_ref=poses)
+    kept = jax.tree.map(np.copy, (built.scans, built.T_world_ref))
+    for array in (*jax.tree.leaves(stack), poses):
+        array[:] = 7
+    for ours, wanted in zip(
+        *map(jax.tree.leaves, ((built.scans, built.T_world_ref), kept)), strict=True
+    ):
+        np.testing.assert_array_equal(ours, wanted)
+    on_device = ReferenceSet.build(jax.device_put(Scan.stack(scans[:3])))
+    assert all(type(leaf) is np.ndarray for leaf in jax.tree.leaves(on_device.scans))
+
+
 def test_removed_ids_are_gone_and_the_others_keep_theirs(references):
     fewer = references.remove([3, 0])
     assert len(fewer) == len(references) - 2

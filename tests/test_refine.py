@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from aprjax.references import ReferenceSet
-from aprjax.refine import RefineConfig, refine, settle
+from aprjax.refine import RefineConfig, SettleConfig, refine, settle
 from aprjax.scan import Scan
 from aprjax.sim.laser import Laser, take_scans
 from aprjax.sim.world import World
@@ -190,7 +190,7 @@ def test_an_end_that_is_found_from_several_starts_is_one_pose(noisy):
 def test_settling_brings_a_pose_near(exact):
     first, second, T = exact
     coarse = jax.jit(jax.vmap(settle, (0, 0, 0, None)))
-    settled = coarse(first, second, starts(T, 0), RefineConfig(points=48, iterations=3))
+    settled = coarse(first, second, starts(T, 0), SettleConfig(points=48, iterations=3))
     distance, angle = errors(settled, T).T
     assert np.median(distance) < 0.01
     assert np.median(angle) < np.radians(0.2)
@@ -204,6 +204,20 @@ def test_residuals_beyond_the_errors_of_the_scanner_widen_the_covariance(noisy):
     doubted = fit(first, second, T.astype(np.float32), precise).covariance
     size = [np.sqrt(np.trace(np.asarray(c), axis1=1, axis2=2)) for c in (sure, doubted)]
     assert np.median(size[1] / size[0]) > 1.5
+
+
+@pytest.mark.parametrize(
+    "name", ["gate", "final_gate", "bias", "roughness", "outlier", "trust", "prior"]
+)
+def test_at_the_least_of_what_divides_the_solve_is_a_solve(noisy, name):
+    first, second, T = noisy
+    (field,) = (f for f in dataclasses.fields(RefineConfig) if f.name == name)
+    config = RefineConfig(**{name: field.metadata["least"]})
+    refined = fit(first, second, T.astype(np.float32), config)
+    distance, _ = errors(refined.T_ref_query, T).T
+    assert np.all(distance < 0.1)
+    covariance = np.asarray(refined.covariance, float)
+    assert np.all(np.linalg.eigvalsh(covariance) > 0)
 
 
 @pytest.mark.parametrize("heading", [0.0, 0.3, 0.8, 1.2])

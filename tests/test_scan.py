@@ -179,6 +179,20 @@ def test_of_a_full_turn_with_both_ends_the_last_beam_is_left_out():
         assert make(np.ones(beams), angle_increment=np.radians(degrees)).beams == beams - 1
 
 
+@pytest.mark.parametrize(
+    ("beams", "degrees", "kept"),
+    [
+        (4, 103, 4),  # the ends of the turn half an increment apart
+        (361, 0.9985, 361),
+        (361, 0.9998, 360),  # an increment that a driver has rounded
+        (361, 1.0009, 360),
+        (720, 360 / 719, 719),  # as drivers of RPLIDAR state it
+    ],
+)
+def test_a_last_beam_is_left_out_only_where_the_first_one_looks(beams, degrees, kept):
+    assert make(np.ones(beams), angle_increment=np.radians(degrees)).beams == kept
+
+
 def test_ranges_may_be_lists_and_integers():
     scan = make([1, 2, 3])
     assert np.asarray(scan.ranges).dtype == np.float32
@@ -277,6 +291,13 @@ def test_numbers_of_a_stack_that_fit_no_documented_dtype_are_refused_or_say_noth
         as_stack(Scan(**fields | {"beams": np.array([NAN, 1.0])}))
     with pytest.raises(ValueError, match="ranges: "):
         as_stack(Scan(**fields | {"ranges": np.array([["a"], ["b"]])}))
+    for count in (-1, 65):
+        beams = np.array([1, count], np.int32)
+        with pytest.raises(ValueError, match=rf"^beams\[1\]: {count} is not from 0 to 64$"):
+            as_stack(Scan(**fields | {"beams": beams}))
+        one = jax.tree.map(lambda array: array[1], Scan(**fields | {"beams": beams}))
+        with pytest.raises(ValueError, match=rf"^scans\[1\]: {count} beams is not from 0 to 64$"):
+            as_stack([make([1.0]), one])
     large = as_stack(Scan(**fields | {"ranges": np.array([[1e39], [INF]])})).ranges
     assert np.isnan(large[0, 0])
     assert large[1, 0] == INF

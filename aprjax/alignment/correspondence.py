@@ -3,6 +3,7 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.configuration import threshold
@@ -13,7 +14,9 @@ class CorrespondenceConfig(eqx.Module):
     """When an edge of the query and one of the reference may be the same."""
 
     length: Float[Array, ""] = threshold(0.15, "metres that their lengths may differ by")
-    angle: Float[Array, ""] = threshold(0.12, "radians that they may be turned off the rotation")
+    angle: Float[Array, ""] = threshold(
+        0.12, "radians that they may be turned off the rotation", most=np.pi
+    )
 
     def same(
         self,

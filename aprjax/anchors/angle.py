@@ -19,7 +19,9 @@ class AngleConfig(eqx.Module):
     max_angle: Float[Array, ""] = threshold(2.6, "radians; a sharper turn is a thin object's end")
     min_spread: Float[Array, ""] = threshold(0.03, "metres: standard deviation along each face")
     max_rms: Float[Array, ""] = threshold(0.05, "metres: standard deviation across each face")
-    max_offset: Float[Array, ""] = threshold(0.15, "metres between the hit and the intersection")
+    max_offset: Float[Array, ""] = threshold(
+        0.15, "metres between the hit and the intersection", least=0.001
+    )
     weight: Float[Array, ""] = threshold(1.0, "salience of a right angle between straight faces")
 
 

@@ -26,7 +26,7 @@ class ExtractionConfig(eqx.Module):
     anchors: int = capacity(16, "most anchors of a scan")
 
     def __check_init__(self) -> None:
-        # Graphs are dense and correspondence counts 32 bits wide.
+        # Graphs are dense, and counts of correspondences share 32 bits with where they are.
         if not 2 <= self.anchors <= 128:
             raise ValueError(f"anchors: {self.anchors} is not from 2 to 128")
 
@@ -42,7 +42,7 @@ class Anchors(eqx.Module):
     """Larger is better; zero where not valid."""
     valid: Bool[Array, "*batch anchors"]
     overflow: Int[Array, "*batch"]
-    """Distinct candidates that did not fit."""
+    """Distinct candidates that did not fit, counted up to the capacity."""
 
 
 def extract(scan: Scan, config: ExtractionConfig) -> Anchors:

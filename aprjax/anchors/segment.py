@@ -7,6 +7,7 @@ large connected parts only.
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.anchors.bridge import bridge
@@ -20,10 +21,13 @@ class SegmentConfig(eqx.Module):
 
     gap: Float[Array, ""] = threshold(0.12, "metres that neighbouring hits may always lie apart")
     incidence: Float[Array, ""] = threshold(
-        0.14, "radians: shallowest angle between beam and surface at which it stays connected"
+        0.14,
+        "radians: shallowest angle between beam and surface at which it stays connected",
+        least=0.001,
+        most=np.pi / 2,
     )
     bridge: Float[Array, ""] = threshold(
-        0.075, "radians between two hits that a surface may run on across"
+        0.075, "radians between two hits that a surface may run on across", most=np.pi / 2
     )
     min_extent: Float[Array, ""] = threshold(0.2, "metres from its first to its farthest point")
     min_beams: Float[Array, ""] = threshold(3, "hits in a large part")

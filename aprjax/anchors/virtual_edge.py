@@ -24,10 +24,14 @@ class VirtualEdgeConfig(eqx.Module):
 
     min_length: Float[Array, ""] = threshold(0.5, "metres of visible surface on one line")
     max_rms: Float[Array, ""] = threshold(0.05, "metres: roughness of surface that votes")
-    width: Float[Array, ""] = threshold(0.1, "metres that a surface may lie off its line")
+    width: Float[Array, ""] = threshold(
+        0.1, "metres that a surface may lie off its line", least=0.001
+    )
     spread: Float[Array, ""] = threshold(0.2, "radians that it may be turned off its line")
-    min_angle: Float[Array, ""] = threshold(0.5, "radians between two lines that meet")
-    elongation: Float[Array, ""] = threshold(4.0, "metres beyond the visible surface")
+    min_angle: Float[Array, ""] = threshold(
+        0.5, "radians between two lines that meet", most=np.pi / 2
+    )
+    elongation: Float[Array, ""] = threshold(4.0, "metres beyond the visible surface", least=0.001)
     weight: Float[Array, ""] = threshold(1.2, "salience where two lines of 2 m meet")
     directions: int = capacity(4, "directions of surfaces")
     lines: int = capacity(4, "lines for each direction")

@@ -73,7 +73,7 @@ class Catalogue:
             raise ValueError(
                 f"scans: {new.ranges.shape[-1]} beams are more than the catalogue's {self.slots}"
             )
-        new = new.pad(self.slots)
+        new = jax.tree.map(np.array, new).pad(self.slots)  # nobody else's, to stay as they are
         signatures = self.signatures(new)
         full = self.blocks
         if full and len(full[-1]) < BLOCK:

@@ -13,6 +13,7 @@ import numpy as np
 from aprjax.atomic import atomic_write
 from aprjax.cli.errors import CommandError
 from aprjax.cli.inputs import add_topic_options, read_drive
+from aprjax.cli.map import open_map, warn_of_parts
 from aprjax.cli.outputs import check_outputs, make_folder
 from aprjax.cli.progress import Progress
 from aprjax.io.log import LogEntry
@@ -31,7 +32,6 @@ from aprjax.tracking.tracker import HypothesisTracker, motion_sources
 from aprjax.tracking.validation import IdcSource
 from aprjax.world.model import WorldModel
 from aprjax.world.parts import WorldModelError
-from aprjax.world.store import MapFileError, load_map
 from aprjax.world.super_space import assemble
 
 _DPI, _FILM_DPI = 110, 60
@@ -55,8 +55,8 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
         "--tum",
         type=Path,
         metavar="F.tum",
-        help="also write the strongest hypotheses where the robot is not lost, as a trajectory in "
-        "the map's assembled frame",
+        help="also write the strongest hypothesis after each scan that leaves the robot tracked "
+        "(neither lost nor ambiguous), as a trajectory in the map's assembled frame",
     )
     parser.add_argument(
         "--pictures",
@@ -109,21 +109,21 @@ def run(arguments: argparse.Namespace) -> None:
     except WorldModelError as error:
         raise CommandError(f"{arguments.map}: {error}") from None
     _write(arguments.out, rows)
+    frame = assemble(world)
     if arguments.tum:
-        _write_trajectory(arguments.tum, world, entries, beliefs)
+        _write_trajectory(arguments.tum, frame, entries, beliefs)
     seconds = time.monotonic() - start
     if arguments.pictures:
-        _draw(arguments.pictures, world, beliefs, arguments.cycles)
+        _draw(arguments.pictures, world, frame, beliefs, arguments.cycles)
     if arguments.gif:
-        _animate(arguments.gif, world, beliefs)
+        _animate(arguments.gif, world, frame, beliefs)
+    if arguments.pictures or arguments.gif:
+        warn_of_parts(arguments.map, "nodes", world.nodes, frame)
     _summarise(beliefs, seconds)
 
 
 def _load(path: Path) -> WorldModel:
-    try:
-        world = load_map(path)
-    except MapFileError as error:
-        raise CommandError(str(error)) from None
+    world = open_map(path)
     if not world.appearances:
         raise CommandError(f"{path}: the map has no reference scans")
     return world
@@ -162,26 +162,33 @@ def _write(out: str, rows: list[HypothesisRow]) -> None:
 
 
 def _write_trajectory(
-    path: Path, world: WorldModel, entries: list[LogEntry], beliefs: list[Belief]
+    path: Path, frame: dict[int, np.ndarray], entries: list[LogEntry], beliefs: list[Belief]
 ) -> None:
     """The best hypotheses where the robot is tracked, in the frame of the first node.
 
-    Parts of the map that this node does not reach have no place in it and are left out.
+    Parts of the map that this node does not reach have no place in it: poses there are left out,
+    and counted on standard error.
     """
-    frame = assemble(world)
-    stamps, poses = [], []
-    for entry, belief in zip(entries, beliefs, strict=True):
-        best = belief.best
-        tracked = belief.situation is Situation.TRACKING
-        if best is not None and tracked and best.place.node in frame:
-            stamps.append(entry.stamp)
-            poses.append(compose(frame[best.place.node], best.place.T_node_laser))
+    tracked = [
+        (entry.stamp, belief.best.place)
+        for entry, belief in zip(entries, beliefs, strict=True)
+        if belief.best is not None and belief.situation is Situation.TRACKING
+    ]
+    placed = [(stamp, place) for stamp, place in tracked if place.node in frame]
+    stamps = [stamp for stamp, _ in placed]
+    poses = [compose(frame[place.node], place.T_node_laser) for _, place in placed]
     write_tum(path, np.array(stamps), np.array(poses).reshape(-1, 3))
+    warn_of_parts(path, "poses", [place.node for _, place in tracked], frame)
 
 
-def _draw(folder: Path, world: WorldModel, beliefs: list[Belief], cycles: tuple[int, ...]) -> None:
+def _draw(
+    folder: Path,
+    world: WorldModel,
+    frame: dict[int, np.ndarray],
+    beliefs: list[Belief],
+    cycles: tuple[int, ...],
+) -> None:
     """The paper's Fig. 7, a file for each of the scans that there are."""
-    frame = assemble(world)
     for cycle in cycles:
         if cycle <= len(beliefs):
             belief, title = beliefs[cycle - 1], f"after cycle {cycle}"
@@ -190,9 +197,10 @@ def _draw(folder: Path, world: WorldModel, beliefs: list[Belief], cycles: tuple[
                 figure.savefig(file, format="png", dpi=_DPI)
 
 
-def _animate(path: Path, world: WorldModel, beliefs: list[Belief]) -> None:
+def _animate(
+    path: Path, world: WorldModel, frame: dict[int, np.ndarray], beliefs: list[Belief]
+) -> None:
     """The run as a film of at most a hundred pictures."""
-    frame = assemble(world)
     shown = range(0, len(beliefs), -(-len(beliefs) // _FRAMES))
     pictures = []
     with Progress("drawing", len(shown)) as progress:

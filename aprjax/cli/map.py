@@ -4,6 +4,8 @@ import argparse
 import json
 import sys
 import time
+from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -26,10 +28,11 @@ from aprjax.world.parts import WorldModelError
 from aprjax.world.planning import PlanError, plan
 from aprjax.world.relax import relax
 from aprjax.world.store import MapFileError, load_map, save_map
-from aprjax.world.super_space import assemble, cycles, largest_gap, residuals
+from aprjax.world.super_space import Cycle, assemble, cycles, largest_gap, residuals
 
 _DPI = 130
-_FORMATS = ("score", "node-link", "graphml", "g2o", "toro")
+_POSE_GRAPHS = ("g2o", "toro")
+_FORMATS = ("score", "node-link", "graphml", *_POSE_GRAPHS)
 _BY_SUFFIX = {
     ".json": "score",
     ".graphml": "graphml",
@@ -37,7 +40,7 @@ _BY_SUFFIX = {
     ".graph": "toro",
     ".toro": "toro",
 }
-_LISTED = 5  # cycles that are spelled out
+_LISTED = 5  # cycles that are spelled out in text
 
 
 def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -88,7 +91,8 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
         "export",
         help="write a map for other programs",
         description="Write the graph and the place of every scan as JSON (score), the graph as "
-        "node-link JSON or GraphML, or its poses as a pose graph, g2o or TORO.",
+        "node-link JSON or GraphML, or its poses as a pose graph, g2o or TORO; --relaxed and "
+        "--root are for pose graphs.",
     )
     _add_map(exporting)
     exporting.add_argument("--out", type=Path, required=True, metavar="F", help="file to write")
@@ -138,9 +142,11 @@ def _build(arguments: argparse.Namespace) -> None:
 def _show(arguments: argparse.Namespace) -> None:
     check_output(arguments.out, arguments.map)
     world = open_map(arguments.map)
-    figure = figure_of(draw_world(world, _frame(world, arguments), scans=not arguments.no_scans))
+    frame = _frame(world, arguments)
+    figure = figure_of(draw_world(world, frame, scans=not arguments.no_scans))
     with atomic_write(arguments.out, "wb") as file:
         figure.savefig(file, format="png", dpi=_DPI)
+    warn_of_parts(arguments.map, "nodes", world.nodes, frame)
 
 
 def _path(arguments: argparse.Namespace) -> None:
@@ -161,24 +167,38 @@ def _info(arguments: argparse.Namespace) -> None:
     if arguments.json:
         print(json.dumps(facts, indent=2))
         return
+    listed = facts.pop("worst_cycles")
     for key, value in facts.items():
-        if key != "worst_cycles":
-            print(f"{key.replace('_', ' ')}: {value}")
-    for cycle in facts["worst_cycles"]:
+        print(f"{key.replace('_', ' ')}: {value}")
+    if len(listed) > _LISTED:
+        print(f"the worst {_LISTED} of {len(listed)} cycles:")
+    for cycle in listed[:_LISTED]:
         print(
             f"cycle {'-'.join(map(str, cycle['nodes']))}: {cycle['length_m']} m, misses its start "
-            f"by {cycle['gap_m']} m and {cycle['gap_deg']}°{', torn' if cycle['torn'] else ''}"
+            f"by {cycle['gap_m']} m and {cycle['gap_deg']}°{', torn' if cycle['torn'] else ''}; "
+            f"relaxed, an arc of it is off by {cycle['worst_arc_relaxed_m']} m and "
+            f"{cycle['worst_arc_relaxed_deg']}° at most"
         )
 
 
 def map_facts(world: WorldModel) -> dict[str, Any]:
-    """What a map holds, in numbers, and where it is torn."""
+    """What a map holds, in numbers, and all its cycles, the worst first.
+
+    A cycle's residual is all at its end before relaxation (`gap`), and spread over its arcs after
+    it, of which the one that is farthest off is told.
+    """
     found = sorted(cycles(world), key=lambda cycle: -float(distance(cycle.T_residual)))
     arcs = list(world.arcs())
-    assembled, relaxed = (residuals(world, frame) for frame in (assemble(world), relax(world)))
+    parts = [min(part) for part in nx.connected_components(world.graph)]
+    # The frames of different parts have no arc in common, and may lie over each other.
+    assembled, relaxed = (
+        residuals(world, {node: T for part in parts for node, T in frame(world, part).items()})
+        for frame in (assemble, relax)
+    )
+    left = {frozenset((arc.a, arc.b)): off for arc, off in zip(arcs, relaxed, strict=True)}
     return {
         "nodes": len(world.nodes),
-        "parts": nx.number_connected_components(world.graph),
+        "parts": len(parts),
         "arcs": len(arcs),
         "arcs_closed": sum(arc.kind == "closed" for arc in arcs),
         "length_m": round(sum(arc.length for arc in arcs), 1),
@@ -189,16 +209,22 @@ def map_facts(world: WorldModel) -> dict[str, Any]:
         "cycles_torn": sum(cycle.torn for cycle in found),
         "worst_arc_assembled_m": _worst(assembled),
         "worst_arc_relaxed_m": _worst(relaxed),
-        "worst_cycles": [
-            {
-                "nodes": list(cycle.nodes),
-                "length_m": round(cycle.length, 1),
-                "gap_m": round(float(distance(cycle.T_residual)), 3),
-                "gap_deg": round(float(np.degrees(abs(cycle.T_residual[2]))), 2),
-                "torn": cycle.torn,
-            }
-            for cycle in found[:_LISTED]
-        ],
+        "worst_cycles": [_cycle_facts(cycle, left) for cycle in found],
+    }
+
+
+def _cycle_facts(cycle: Cycle, left: dict[frozenset[int], np.ndarray]) -> dict[str, Any]:
+    """`left` holds by how much `(3,)` each arc is off in the relaxed frame, by its two nodes."""
+    around = pairwise((*cycle.nodes, cycle.nodes[0]))
+    off = np.array([left[frozenset(ends)] for ends in around])
+    return {
+        "nodes": list(cycle.nodes),
+        "length_m": round(cycle.length, 1),
+        "gap_m": round(float(distance(cycle.T_residual)), 3),
+        "gap_deg": _degrees(cycle.T_residual[2]),
+        "torn": cycle.torn,
+        "worst_arc_relaxed_m": _worst(off),
+        "worst_arc_relaxed_deg": _degrees(np.abs(off[:, 2]).max()),
     }
 
 
@@ -207,16 +233,23 @@ def _worst(off: np.ndarray) -> float:
     return round(float(distance(off).max()), 3) if len(off) else 0.0
 
 
+def _degrees(angle: float) -> float:
+    return round(float(np.degrees(abs(angle))), 2)
+
+
 def _export(arguments: argparse.Namespace) -> None:
     chosen = arguments.format or _BY_SUFFIX.get(arguments.out.suffix)
     if chosen is None:
         raise CommandError(f"{arguments.out}: say --format, one of {', '.join(_FORMATS)}")
+    if chosen not in _POSE_GRAPHS and (arguments.relaxed or arguments.root is not None):
+        option = "--relaxed" if arguments.relaxed else "--root"
+        raise CommandError(f"{arguments.out}: {chosen} has no frame of all nodes for {option}")
     check_output(arguments.out, arguments.map)
     world = open_map(arguments.map)
+    frame = _frame(world, arguments) if chosen in _POSE_GRAPHS else None
     try:
-        if chosen in ("g2o", "toro"):
-            graph = export.pose_graph(world, _frame(world, arguments))
-            text = pose_graph_text(graph, chosen)
+        if frame is not None:
+            text = pose_graph_text(export.pose_graph(world, frame), chosen)
         else:
             writers = {
                 "score": export.score_json,
@@ -228,13 +261,29 @@ def _export(arguments: argparse.Namespace) -> None:
         raise CommandError(f"{arguments.map}: {error}") from None
     with atomic_write(arguments.out) as file:
         file.write(text)
+    if frame is not None:
+        warn_of_parts(arguments.map, "nodes", world.nodes, frame)
 
 
 def _frame(world: WorldModel, arguments: argparse.Namespace) -> dict[int, np.ndarray]:
+    """The frame that is asked for."""
     try:
         return (relax if arguments.relaxed else assemble)(world, arguments.root)
     except WorldModelError as error:
         raise CommandError(f"{arguments.map}: {error}") from None
+
+
+def warn_of_parts(
+    path: Path, what: str, nodes: Sequence[int], frame: dict[int, np.ndarray]
+) -> None:
+    """Say on standard error how many of what is at these `nodes` an assembled frame cannot hold."""
+    left_out = sum(node not in frame for node in nodes)
+    if left_out:
+        print(
+            f"{path}: {left_out} of {len(nodes)} {what} left out: no arcs lead there from node "
+            f"{next(iter(frame))}",
+            file=sys.stderr,
+        )
 
 
 def open_map(path: Path) -> WorldModel:

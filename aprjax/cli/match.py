@@ -26,7 +26,6 @@ from aprjax.matcher import MatchConfig, MatchResult
 from aprjax.plane import compose
 from aprjax.references import ReferenceSet
 from aprjax.scan import Scan
-from aprjax.shortlist import ShortlistConfig
 from aprjax.status import Status
 
 _MOST_HYPOTHESES = 1000
@@ -133,9 +132,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _config(arguments: argparse.Namespace) -> MatchConfig:
-    kept = max(ShortlistConfig().kept, arguments.hypotheses)
     return MatchConfig(
-        shortlist=ShortlistConfig(kept=kept),
         top_k=arguments.top_k,
         cascade=not arguments.no_cascade,
         hypotheses=arguments.hypotheses,

@@ -25,7 +25,8 @@ quarter of the scans were of floors that no reference showed: where more of them
 probability is too high. `aprjax.plot.reliability.draw_reliability` shows how far it holds.
 
 *Which hypotheses are worth returning?* `MatchConfig.min_quality`; zero by default, since the caller
-sees their qualities. It changes neither the best answer nor whether that is confident.
+sees their qualities. A best answer below it is not returned, and not confident: the status is then
+`below_threshold`. Nothing changes for those that reach it.
 
 ```python
 >>> print(aprjax.MatchConfig().min_quality, aprjax.MatchConfig().hypotheses)

@@ -5,6 +5,7 @@ from typing import Self
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.configuration import capacity, threshold
@@ -12,6 +13,8 @@ from aprjax.evaluation.synthetic_scan import synthetic_scan
 from aprjax.evaluation.view import View
 from aprjax.numerics import safe_norm
 from aprjax.se2 import Pose, inverse, transform
+
+_TINY = np.finfo(np.float32).tiny
 
 
 class QualityConfig(eqx.Module):
@@ -149,6 +152,12 @@ def quality(
     second = jnp.where(reference_sees & ~query_sees, ahead_, back_)
     count = anchors.astype(jnp.float32)
     extent = 0.5 * (ahead.extent + back.extent)
-    return (
-        (first * second) * (count / (count + config.anchors)) * (extent / (extent + config.extent))
-    )
+    return (first * second) * worth(count, config.anchors) * worth(extent, config.extent)
+
+
+def worth(amount: Float[Array, "*batch"], half: Float[Array, ""]) -> Float[Array, "*batch"]:
+    """What an amount is worth, in [0, 1]: nothing is worth zero, `half` one half.
+
+    Where `half` is zero any other amount is worth one.
+    """
+    return amount / jnp.maximum(amount + half, _TINY)

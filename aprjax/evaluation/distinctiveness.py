@@ -7,7 +7,8 @@ wrong, and neither is as certain as its own e_m says. No pose of a reference is 
 references have one, geometry decides instead, and tells apart even places that look the same.
 
 Nothing is kept between queries: `rivals` alternatives are compared with the best one, two synthetic
-scans each, however many references there are.
+scans each, however many references there are. Where more hypotheses are asked for, the others are
+compared too, for what they lose themselves; they take nothing from the best.
 """
 
 from dataclasses import replace
@@ -15,6 +16,7 @@ from dataclasses import replace
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.configuration import capacity, threshold
@@ -27,15 +29,23 @@ from aprjax.se2 import Pose, compose, inverse
 class DistinctivenessConfig(eqx.Module):
     """When two alternatives are rivals, and what a rival costs."""
 
-    weight: Float[Array, ""] = threshold(0.5, "share of the strongest rival's e_m that is taken")
-    contradiction: Float[Array, ""] = threshold(
-        0.25, "share of contradicting beams from which two references show different places"
+    weight: Float[Array, ""] = threshold(
+        0.5, "share of the strongest rival's e_m that is taken", most=1.0
     )
-    harmony: Float[Array, ""] = threshold(0.15, "share up to which they show the same place")
+    contradiction: Float[Array, ""] = threshold(
+        0.25,
+        "share of contradicting beams from which two references show different places",
+        most=1.0,
+    )
+    harmony: Float[Array, ""] = threshold(
+        0.15, "share up to which they show the same place", most=1.0
+    )
     distance: Float[Array, ""] = threshold(0.4, "metres between distinct poses in one frame")
-    angle: Float[Array, ""] = threshold(0.2, "radians, likewise")
-    equal: Float[Array, ""] = threshold(0.9, "share of the best e_m at which a rival is its equal")
-    rivals: int = capacity(16, "alternatives, best first, that are compared with the best")
+    angle: Float[Array, ""] = threshold(0.2, "radians, likewise", most=np.pi)
+    equal: Float[Array, ""] = threshold(
+        0.9, "share of the best e_m at which a rival is its equal; above one none is"
+    )
+    rivals: int = capacity(16, "alternatives, best first, that may be rivals of the best")
     beams: int = capacity(64, "most beams of either scan that are compared")
 
 
@@ -93,9 +103,11 @@ def distinct_quality(
 
     The best alternative and those at its place lose to the strongest that excludes them; those
     that exclude the best lose to it, a share of their own e_m at most. The best stays the best.
+    Alternatives come best first, and only the first `rivals` may be the strongest: asking for more
+    changes no quality.
     """
     best = jnp.max(e_m)
-    strongest = jnp.max(rivalry_with_best * e_m)
+    strongest = jnp.max((rivalry_with_best * e_m)[: config.rivals])
     against = rivalry_with_best * best + (1.0 - rivalry_with_best) * strongest
     return e_m - config.weight * jnp.minimum(against, e_m), strongest
 

@@ -16,12 +16,13 @@ from aprjax.se2 import Pose
 _AGREES, _CONTRADICTS = 1, 127
 """Of cells. A sum of fewer than 127 holds the number of either."""
 _FAR = 1e6
+_TINY = np.finfo(np.float32).tiny
 
 
 class RasterConfig(eqx.Module):
     """What is drawn, and which end points are looked up."""
 
-    cell: Float[Array, ""] = threshold(0.25, "metres: side of a cell")
+    cell: Float[Array, ""] = threshold(0.25, "metres: side of a cell", least=0.001)
     tolerance: Float[Array, ""] = threshold(0.2, "metres off the surface that is drawn as such")
     relative: Float[Array, ""] = threshold(0.02, "the same, per metre of range")
     size: int = capacity(96, "cells of each side; the scanner is in the middle")
@@ -128,4 +129,4 @@ def glance(
         cos * dy - sin * dx,
         references.hits[row],
     )
-    return ahead * back * rating / (rating + config.votes)
+    return ahead * back * rating / jnp.maximum(rating + config.votes, _TINY)

@@ -152,10 +152,11 @@ def _trace(
             references.edges, features.histogram.edges, compared, query.graph, config.voting
         )
         aligned = Left(votes.T_ref_query, votes.row, votes.rating, votes.valid)
-        chosen = glance_through(votes, features, query, references.config.raster, config.shortlist)
+        rules = config.listing
+        chosen = glance_through(votes, features, query, references.config.raster, rules)
         best_first = -jnp.arange(chosen.row.shape[0], dtype=jnp.float32)
         passed = Left(chosen.T_ref_query, chosen.row, best_first, chosen.valid)
-        listed = look_closer(chosen, features, query, config.alignment, config.shortlist)
+        listed = look_closer(chosen, features, query, config.alignment, rules)
     else:
         _, listed = exhaustive(query, compared, references, config)
         aligned = passed = _left(listed)

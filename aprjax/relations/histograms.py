@@ -20,7 +20,7 @@ from aprjax.relations.graph import AnchorGraph
 class RelationConfig(eqx.Module):
     """How edges are quantised, and how far apart corresponding ones may be."""
 
-    bin_length: Float[Array, ""] = threshold(0.1, "metres for each length bin")
+    bin_length: Float[Array, ""] = threshold(0.1, "metres for each length bin", least=0.001)
     length_bins: int = capacity(160, "bins of length; longer edges do not take part")
     direction_bins: int = capacity(60, "bins over half a turn; an edge has no sense")
     length_tolerance: int = capacity(1, "bins that corresponding lengths may differ by", least=0)

@@ -127,7 +127,7 @@ class _Device:
     ) -> MatchResult:
         """Section 2 of the paper, as in `aprjax.matcher`; the results of its share of queries."""
         references, features = self.references, self.references.features
-        raster_config, rules = references.config.raster, config.shortlist
+        raster_config, rules = references.config.raster, config.listing
 
         queries = jax.vmap(describe, (0, None))(self._share(scans), references.config)
         queries = self._gathered(queries)

@@ -16,6 +16,7 @@ from aprjax.references import (
     checked_features,
     checked_poses,
     described,
+    equally_wide,
     index_of,
     joined,
     middle,
@@ -62,7 +63,8 @@ class ShardedReferences:
         several axes, or of more devices than there are scans. The devices of a process are to be
         neighbours in the mesh, as they are in `jax.devices()`.
         """
-        stacked = as_stack(scans)
+        # Nobody else's, to stay as they are.
+        stacked = jax.tree.map(np.array, as_stack(scans))
         count = np.shape(stacked.ranges)[0]
         poses = checked_poses(T_world_ref, count)
         config = checked_features(config)
@@ -111,11 +113,10 @@ class ShardedReferences:
 
     def add(self, scans: Sequence[Scan] | Scan, *, T_world_ref: np.ndarray | None = None) -> Self:
         """The set with these scans added under the next ids, spread anew. Raises as `build`."""
-        new = as_stack(scans)
+        there, new = equally_wide(self.scans, as_stack(scans))
         count = np.shape(new.ranges)[0]
-        slots = max(self.scans.ranges.shape[-1], np.shape(new.ranges)[-1])
         return self._spread(
-            joined(self.scans.pad(slots), new.pad(slots)),
+            joined(there, new),
             np.r_[self.ids, self.next_id + np.arange(count)],
             self.next_id + count,
             np.concatenate([self.T_world_ref, checked_poses(T_world_ref, count)]),

@@ -28,7 +28,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from aprjax.features import Features, describe
-from aprjax.matcher import Counts, MatchConfig, MatchResult, match_one
+from aprjax.matcher import Counts, MatchConfig, MatchResult, direction_spectra, match_one
 from aprjax.numerics import bucket, single_precision
 from aprjax.references import ReferenceIndex, ReferenceSet
 from aprjax.relations.histograms import preselection_quality
@@ -267,9 +267,10 @@ def _sweep_chunk(
     """Leading axes `(queries, count)`."""
     axes = jax.tree.map(lambda leaf: 0 if jnp.ndim(leaf) else None, configs)
     nothing = jnp.full(1, -1, jnp.int32)
+    spectra = None if configs.cascade else direction_spectra(references)
 
     def one(of: tuple[Features, Array]) -> MatchResult:
-        each = partial(match_one, *of, nothing, references)
+        each = partial(match_one, *of, nothing, references, spectra=spectra)
         return jax.vmap(each, (axes,), axis_size=count)(configs)
 
     return (jax.vmap(one) if together else partial(jax.lax.map, one))((queries, q_m))

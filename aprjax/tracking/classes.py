@@ -6,6 +6,7 @@ confirms or weakens what is believed, also where a scanner sees nothing to match
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import equinox as eqx
@@ -20,7 +21,7 @@ from aprjax.tracking.hypothesis import Hypothesis
 from aprjax.tracking.neighbours import Neighbours, Surroundings
 from aprjax.tracking.sources import Verdict
 from aprjax.world.model import WorldModel
-from aprjax.world.parts import Appearance, Place
+from aprjax.world.parts import Appearance, Place, WorldModelError
 
 _PROBES = 200  # registered views at most that say how common a class is
 _FARTHEST = 30.0  # metres along arcs to nodes whose views are compared with a volume
@@ -62,48 +63,83 @@ class ClassSource:
         self._classifier = classifier
         self._places = [place for place, _ in registered]
         self._classes = np.array([number for _, number in registered], int)
-        self._views: Surroundings | None = None
-        self._probes: list[tuple[np.ndarray, np.ndarray]] = []
+        self._seen: _Seen | None = None
 
     def judge(
         self, reading: Any, hypotheses: Sequence[Hypothesis], world: WorldModel
     ) -> Sequence[Verdict]:
         """Verdicts on all hypotheses; a reading is one view, such as the classifier takes."""
-        if self._views is None:
-            self._views = Surroundings(Neighbours(world, _FARTHEST), dict(enumerate(self._places)))
-            spread_out = np.linspace(0, len(self._places) - 1, min(_PROBES, len(self._places)))
-            self._probes = [self._views.around(self._places[row]) for row in spread_out.astype(int)]
-        seen = np.array(int(self._classifier.classify([reading])[0]))
+        if self._seen is None or self._seen.world is not world:
+            self._seen = _Seen.of(world, self._places)
+        number = np.array(int(self._classifier.classify([reading])[0]))
         likeness = np.where(
-            self._classes == seen, 2, self._classifier.gas.alike(seen, self._classes).astype(int)
+            self._classes == number,
+            2,
+            self._classifier.gas.alike(number, self._classes).astype(int),
         )
-        return [Verdict(self._ratio(likeness, h, self._views)) for h in hypotheses]
+        at_probes = likeness[self._seen.numbers]
+        return [Verdict(self._ratio(likeness, at_probes, h, self._seen)) for h in hypotheses]
 
-    def _ratio(self, likeness: np.ndarray, hypothesis: Hypothesis, views: Surroundings) -> float:
+    def _ratio(
+        self, likeness: np.ndarray, at_probes: np.ndarray, hypothesis: Hypothesis, seen: "_Seen"
+    ) -> float:
         """The likelihood ratio of a view.
 
         `likeness` `(registered,)` is 2 for registered views of the same class, 1 for those of a
-        neighbouring one, else 0.
+        neighbouring one, else 0; `at_probes` is that of the views around the probes.
         """
-        here = self._within(*views.around(hypothesis.place), hypothesis)
+        numbers, T_view_place = seen.views.around(hypothesis.place)
+        here = numbers[self._within(*_offs(T_view_place), hypothesis)]
         if not len(here):
             return 1.0
         same, near = float(self.config.same), float(self.config.near)
         best = int(likeness[here].max())
         if best == 0:
             return 1.0 - same - near
-        found = [likeness[self._within(*probe, hypothesis)].max() for probe in self._probes]
-        common = max(float(np.mean(np.array(found) == best)), 1e-3)
+        inside = self._within(seen.metres, seen.radians, hypothesis)
+        found = np.maximum.reduceat(inside * at_probes, seen.starts)
+        common = max(float(np.mean(found == best)), 1e-3)
         ratio = (same if best == 2 else near) / common + 1.0 - same - near
         return min(ratio, float(self.config.most))
 
     def _within(
-        self, numbers: np.ndarray, T_view_place: np.ndarray, hypothesis: Hypothesis
+        self, metres: np.ndarray, radians: np.ndarray, hypothesis: Hypothesis
     ) -> np.ndarray:
-        """Numbers of the views that lie in a volume as large as the hypothesis' about a place."""
-        near = distance(T_view_place) <= float(self.config.reach) + hypothesis.radius
-        turned = np.abs(T_view_place[:, 2]) <= float(self.config.turn) + hypothesis.angle
-        return numbers[near & turned]
+        """Which views `(n,)` so far off a place lie in a volume as large as the hypothesis'."""
+        near = metres <= float(self.config.reach) + hypothesis.radius
+        return near & (radians <= float(self.config.turn) + hypothesis.angle)
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """The registered views in one world model, and those around the probes among them."""
+
+    world: WorldModel
+    views: Surroundings
+    numbers: np.ndarray
+    """`(n,)` of the views around the probes, probe after probe."""
+    metres: np.ndarray
+    """`(n,)` between each of them and its probe."""
+    radians: np.ndarray
+    """`(n,)`, likewise; not negative."""
+    starts: np.ndarray
+    """`(probes,)`: where each probe's views begin; itself is always among them."""
+
+    @classmethod
+    def of(cls, world: WorldModel, places: Sequence[Place]) -> "_Seen":
+        """With the probes spread evenly over the registered `places`."""
+        views = Surroundings(Neighbours(world, _FARTHEST), dict(enumerate(places)))
+        probes = np.linspace(0, len(places) - 1, min(_PROBES, len(places))).astype(int)
+        around = [views.around(places[probe]) for probe in probes]
+        counts = np.array([len(numbers) for numbers, _ in around], int)
+        numbers = np.concatenate([np.zeros(0, int), *(numbers for numbers, _ in around)])
+        T_view_probe = np.concatenate([np.zeros((0, 3)), *(T for _, T in around)])
+        return cls(world, views, numbers, *_offs(T_view_probe), np.cumsum(counts) - counts)
+
+
+def _offs(T_view_place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Metres and radians `(n,)` of poses `(n, 3)`."""
+    return distance(T_view_place), np.abs(T_view_place[:, 2])
 
 
 def register_images(
@@ -141,10 +177,12 @@ def scan_source(
 ) -> ClassSource:
     """The classes of the reference scans, which the map holds anyway; a reading is a `scan`.
 
-    Without a `classifier`, one is trained on the same scans. Raises `WorldModelError` or
-    `ValueError` for fewer than two.
+    Without a `classifier`, one is trained on the same scans. Raises `WorldModelError` if there are
+    none, and `ValueError` for one scan that is to be trained on.
     """
     scans = [scan for _, scan in sorted(world.reference_scans.items())]
+    if not scans:
+        raise WorldModelError("references: the world model has none to make classes of")
     if classifier is None:
         classifier = ViewClassifier.train(scans, scan_features, seed)
     places = [seen.place for _, seen in sorted(world.appearances.items())]

@@ -60,7 +60,9 @@ class EvidenceConfig(eqx.Module):
     least: Float[Array, ""] = threshold(0.002, "λ below which a hypothesis is deleted")
     leak: Float[Array, ""] = threshold(0.015, "share of each λ lost to the rest per metre")
     rest: Float[Array, ""] = threshold(0.02, "least λ_0")
-    independence: Float[Array, ""] = threshold(1.0, "metres over which readings err alike")
+    independence: Float[Array, ""] = threshold(
+        1.0, "metres over which readings err alike", least=1e-3
+    )
     per_turn: Float[Array, ""] = threshold(0.5, "metres that a radian of turning counts")
     trusted: Float[Array, ""] = threshold(
         0.5, "least probability, if the robot is in their volume, of estimates that move its centre"
@@ -72,10 +74,15 @@ class EvidenceConfig(eqx.Module):
 
 def moved(belief: Belief, step: Step, config: EvidenceConfig) -> Belief:
     """All centres carried on by a step, all volumes grown, and the rest as it grew by leak."""
-    kept = (1.0 - float(config.leak)) ** travelled(step, config) * (1.0 - step.doubt)
+    kept = fading(travelled(step, config), config) * (1.0 - step.doubt)
     carried = [hypothesis.moved(step, config.volume) for hypothesis in belief.hypotheses]
     left = tuple(replace(h, probability=h.probability * kept) for h in carried)
     return replace(belief, hypotheses=left, rest=_rest(left))
+
+
+def fading(way: float, config: EvidenceConfig) -> float:
+    """The share of each λ_i that is left after so many metres, by leak."""
+    return (1.0 - float(config.leak)) ** way
 
 
 def travelled(step: Step, config: EvidenceConfig) -> float:
@@ -156,7 +163,9 @@ def located(
             new = _created(born, estimate, ratio, belief.rest, total, config)
             updated.append(new)
             born += 1
-    return settled(updated, belief.rest, born, near, config)
+    # What lies in the new volumes is no longer anywhere else.
+    left = max(1.0 - float(config.share) * (born - belief.born), 0.0)
+    return settled(updated, left * belief.rest, born, near, config)
 
 
 def judged(

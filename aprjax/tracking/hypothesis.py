@@ -91,6 +91,11 @@ class Step:
         return cls(np.zeros(3), np.diag([np.inf, np.inf, np.inf]), doubt)
 
     @property
+    def known(self) -> np.ndarray:
+        """`(3,)`: which of the numbers are measured."""
+        return np.isfinite(np.diag(self.covariance))
+
+    @property
     def way(self) -> float:
         """Metres."""
         return float(np.hypot(self.T_before_now[0], self.T_before_now[1]))

@@ -19,15 +19,25 @@ class Neighbours:
     """
 
     def __init__(self, world: WorldModel, reach: float) -> None:
-        """`reach` bounds the metres along the arcs between nodes that are compared."""
+        """`reach` bounds the metres along the arcs to nodes that a place is compared with."""
         self._world, self._reach = world, reach
-        self._known: dict[int, dict[int, Connection]] = {}
+        self._known: dict[tuple[int, float], dict[int, Connection]] = {}
 
-    def of(self, node: int) -> dict[int, Connection]:
-        """The nodes within reach, along the least uncertain arcs."""
-        if node not in self._known:
-            self._known[node] = connections(self._world, node, self._reach)
-        return self._known[node]
+    def of(self, place: Place) -> dict[int, Connection]:
+        """The nodes within reach of a place, along the least uncertain arcs from its own node."""
+        key = place.node, self.beyond(place)
+        if key not in self._known:
+            self._known[key] = connections(self._world, place.node, self._reach + key[1])
+        return self._known[key]
+
+    def beyond(self, place: Place) -> float:
+        """Metres searched beyond the reach, for a place that is far from its node's origin.
+
+        A robot that nothing confirms takes its home node along. In halves of the reach, so that
+        what was searched is found again.
+        """
+        half = 0.5 * self._reach
+        return float(distance(place.T_node_laser) // half * half)
 
     def off(self, one: Place, other: Place) -> tuple[np.ndarray, float, float] | None:
         """`T_one_other`, and the deviation in metres and in radians that the arcs give it.
@@ -36,7 +46,7 @@ class Neighbours:
         """
         if one.node == other.node:
             return relative(one.T_node_laser, other.T_node_laser), 0.0, 0.0
-        link = self.of(one.node).get(other.node)
+        link = self.of(one).get(other.node)
         if link is None:
             return None
         T = compose(link.T_start_end, other.T_node_laser)
@@ -65,34 +75,31 @@ class Surroundings:
     """Things with places, such as reference scans: those around a pose are found at once."""
 
     def __init__(self, near: Neighbours, places: Mapping[int, Place]) -> None:
-        """`places` by the things' numbers; nodes within the reach of `near` are looked at."""
+        """`places` by the things' numbers; nodes within the reach of `near` are searched."""
         self._near = near
         self._numbers: dict[int, list[int]] = {}
         self._poses: dict[int, list[np.ndarray]] = {}
         for number, place in sorted(places.items()):
             self._numbers.setdefault(place.node, []).append(number)
             self._poses.setdefault(place.node, []).append(place.T_node_laser)
-        self._known: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        self._known: dict[tuple[int, float], tuple[np.ndarray, np.ndarray]] = {}
 
-    def of(self, node: int) -> tuple[np.ndarray, np.ndarray]:
-        """Numbers `(n,)` of the things within reach, ascending, and `T_node_thing` `(n, 3)`."""
-        if node not in self._known:
-            links = self._near.of(node)
+    def around(self, place: Place) -> tuple[np.ndarray, np.ndarray]:
+        """Numbers `(n,)` of the things within reach, ascending, and `T_thing_place` `(n, 3)`."""
+        key = place.node, self._near.beyond(place)
+        if key not in self._known:
+            links = self._near.of(place)
             around = [other for other in links if other in self._numbers]
             numbers = [number for other in around for number in self._numbers[other]]
             poses = [
                 compose(links[other].T_start_end, np.array(self._poses[other])) for other in around
             ]
             order = np.argsort(numbers)
-            self._known[node] = (
+            self._known[key] = (
                 np.array(numbers, int)[order],
                 np.concatenate([np.zeros((0, 3)), *poses])[order],
             )
-        return self._known[node]
-
-    def around(self, place: Place) -> tuple[np.ndarray, np.ndarray]:
-        """The same numbers, and `T_thing_place` `(n, 3)`: the place in each thing's frame."""
-        numbers, T_node_thing = self.of(place.node)
+        numbers, T_node_thing = self._known[key]
         return numbers, relative(T_node_thing, place.T_node_laser)
 
 

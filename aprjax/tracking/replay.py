@@ -47,6 +47,8 @@ def matched(
     The matcher knows nothing of the scans before, so that many can be matched in one call; empty
     ones fill up the last piece.
     """
+    if not entries:
+        return
     config = AprSource().config if config is None else config
     size = min(PIECE, len(entries))
     slots = max(int(entry.scan.beams) for entry in entries)

@@ -15,29 +15,33 @@ from jaxtyping import Array, Float
 from aprjax.configuration import threshold
 from aprjax.tracking.apr import AprSource
 from aprjax.tracking.belief import Belief
+from aprjax.tracking.checked import checked_estimates, checked_step, checked_verdicts
 from aprjax.tracking.continuity import ScanContinuity
-from aprjax.tracking.evidence import EvidenceConfig, judged, located, moved, travelled, weight
-from aprjax.tracking.fusion import fuse
+from aprjax.tracking.evidence import (
+    EvidenceConfig,
+    fading,
+    judged,
+    located,
+    moved,
+    travelled,
+    weight,
+)
+from aprjax.tracking.fusion import Motion
 from aprjax.tracking.hypothesis import Hypothesis, Step
 from aprjax.tracking.neighbours import Neighbours, merge
 from aprjax.tracking.odometry import WheelOdometry
 from aprjax.tracking.scan_motion import ScanMotion
 from aprjax.tracking.sources import (
-    Estimate,
     PrimarySource,
     Remembers,
     TrackingSource,
     ValidationSource,
-    Verdict,
 )
 from aprjax.tracking.state import belief_of_state, state_of_belief
 from aprjax.tracking.validation import IdcSource
 from aprjax.world.model import WorldModel
-from aprjax.world.parts import Place
 
 _log = logging.getLogger(__name__)
-
-_FARTHEST = 1e9  # metres, radians, m²: beyond it no number of a source is believed
 
 
 class TrackerConfig(eqx.Module):
@@ -46,13 +50,15 @@ class TrackerConfig(eqx.Module):
     evidence: EvidenceConfig = EvidenceConfig()
     reach: Float[Array, ""] = threshold(30.0, "metres along arcs between poses that are compared")
     unmeasured: Float[Array, ""] = threshold(
-        0.3, "deviation of a step's numbers that no source measured: metres, radians"
+        0.3, "deviation of a step's numbers that no source measures: metres, radians", least=1e-6
     )
     silence: Float[Array, ""] = threshold(3.0, "seconds without motion measured that are allowed")
     speed: Float[Array, ""] = threshold(
         0.3, "metres and radians per second: deviation of motion in silence"
     )
-    astray: Float[Array, ""] = threshold(3.0, "metres, radians: most of it in one silence")
+    astray: Float[Array, ""] = threshold(
+        3.0, "metres, and radians up to one: most of it in one silence"
+    )
     late: Float[Array, ""] = threshold(60.0, "seconds; an older stamp is that of a new clock")
 
 
@@ -87,10 +93,12 @@ class HypothesisTracker:
         self.validation = (IdcSource(),) if validation is None else tuple(validation)
         self.belief = Belief()
         self._near = Neighbours(world, float(self.config.reach))
+        self._motion = Motion(float(self.config.unmeasured))
         self._way = 0.0
         self._heard: dict[str, float] = {}  # the way at each source's last reading
         self._stamps: dict[str, float] = {}
         self._measured: float | None = None  # the stamp of the last motion measured
+        self._astray = 0.0  # metres that it may be off since then
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
@@ -109,42 +117,32 @@ class HypothesisTracker:
         missing is no error. `stamp` is their time in seconds.
         """
         readings = self._timely("move", stamp, readings)
-        steps: list[Step] = []
-        for source in self.tracking:
-            if source.reads in readings:
-                expected = fuse(steps, float(self.config.unmeasured)) if steps else None
-                step = self._ask(source, _sound, source.step, readings[source.reads], expected)
-                if step is not None:
-                    steps.append(step)
-        if steps:
-            self._measured = stamp
-            self._advance(fuse(steps, float(self.config.unmeasured)))
+        step = self._motion.step(self.tracking, readings, self._measure)
+        if step is not None:
+            if self._motion.complete:
+                self._measured, self._astray = stamp, 0.0
+            self._advance(step)
         return self.belief
 
     def observe(self, stamp: float | None = None, **readings: Any) -> Belief:
         """Confirm, punish, create and validate hypotheses by what the other sources read."""
-        readings = self._timely("observe", stamp, readings)
-        self._drift(stamp)
-        evidence = self.config.evidence
+        timely = self._timely("observe", stamp, readings)
+        if timely or not readings:
+            self._drift(stamp)
+        readings, evidence = timely, self.config.evidence
         for number, source in enumerate(self.primary):
             if source.reads in readings:
-                known = self._ask(
-                    source, self._usable, source.locate, readings[source.reads], self.world
-                )
+                found = self._ask(source, source.locate, readings[source.reads], self.world)
+                known = self._ask(source, checked_estimates, found, self.world)
                 if known is not None:
                     places = merge(known, self._near, evidence.volume)
                     count = self._weight(f"primary {number}")
                     self.belief = located(self.belief, places, count, self._near, evidence)
         for number, source in enumerate(self.validation):
             if source.reads in readings and self.belief.hypotheses:
-                verdicts = self._ask(
-                    source,
-                    self._valid,
-                    source.judge,
-                    readings[source.reads],
-                    self.hypotheses,
-                    self.world,
-                )
+                reading, hypotheses = readings[source.reads], self.hypotheses
+                given = self._ask(source, source.judge, reading, hypotheses, self.world)
+                verdicts = self._ask(source, checked_verdicts, given, len(hypotheses), self.world)
                 if verdicts is not None:
                     count = self._weight(f"validation {number}")
                     self.belief = judged(self.belief, verdicts, count, self._near, evidence)
@@ -158,6 +156,8 @@ class HypothesisTracker:
             "heard": dict(self._heard),
             "stamps": dict(self._stamps),
             "measured": self._measured,
+            "astray": self._astray,
+            "motion": self._motion.state(),
             "sources": [
                 source.state() if isinstance(source, Remembers) else None
                 for source in self._sources()
@@ -167,14 +167,21 @@ class HypothesisTracker:
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from what `state` returned, in the same world and with the same sources.
 
-        What follows is the same to the bit. Raises `ValueError` if the sources are not as many.
+        What follows is the same to the bit. Raises `ValueError`, and changes nothing, if the
+        sources are not as many or a hypothesis is in no node of the world.
         """
         if len(state["sources"]) != len(self._sources()):
             raise ValueError(
                 f"state: {len(state['sources'])} sources, not the tracker's {len(self._sources())}"
             )
-        self.belief = belief_of_state(state["belief"])
+        belief = belief_of_state(state["belief"])
+        for hypothesis in belief.hypotheses:
+            if hypothesis.place.node not in self.world.graph:
+                raise ValueError(f"state: the world has no node {hypothesis.place.node}")
+        self.belief = belief
         self._way, self._measured = state["way"], state["measured"]
+        self._astray = state["astray"]
+        self._motion.restore(state["motion"])
         self._heard, self._stamps = dict(state["heard"]), dict(state["stamps"])
         for source, own in zip(self._sources(), state["sources"], strict=True):
             if isinstance(source, Remembers):
@@ -197,18 +204,28 @@ class HypothesisTracker:
         return weight(self._way - before, self.config.evidence)
 
     def _drift(self, stamp: float | None) -> None:
-        """Let volumes grow if no motion has been measured for long: the robot may have moved."""
+        """Let volumes grow if no motion has been measured for long: the robot may have moved.
+
+        Belief fades as if it had gone as far as it may be astray.
+        """
         if stamp is None or not math.isfinite(stamp):
             return
-        if self._measured is None or stamp < self._measured:
+        if self._measured is None or stamp < self._measured - float(self.config.late):
             self._measured = stamp
         elapsed = stamp - self._measured
-        if elapsed > self.config.silence:
+        if elapsed <= self.config.silence:
+            return
+        if self._astray == 0.0:
             _log.warning("no motion measured for %.1f s", elapsed)
-            far = min(float(self.config.speed) * elapsed, float(self.config.astray))
-            self._way += far
-            self._measured = stamp
-            self._advance(Step(np.zeros(3), np.diag([far**2, far**2, min(far, 1.0) ** 2])))
+        before = self._astray
+        self._astray = min(float(self.config.speed) * elapsed, float(self.config.astray))
+        if self._astray > before:
+            way, turn = (
+                min(self._astray, most) ** 2 - min(before, most) ** 2 for most in (math.inf, 1.0)
+            )
+            lost = 1.0 - fading(self._astray - before, self.config.evidence)
+            self._way += self._astray - before
+            self._advance(Step(np.zeros(3), np.diag([way, way, turn]), lost))
 
     def _timely(self, call: str, stamp: float | None, readings: dict[str, Any]) -> dict[str, Any]:
         """The readings that are not older than the last ones of their kind.
@@ -233,48 +250,17 @@ class HypothesisTracker:
             timely[name] = reading
         return timely
 
-    def _ask(
-        self,
-        source: Any,
-        sound: Callable[[Any], Any],
-        question: Callable[..., Any],
-        *about: Any,
-    ) -> Any:
-        """What is `sound` of a source's answer; None, and a line in the log, if either raises."""
+    def _measure(self, source: TrackingSource, reading: Any, expected: Step | None) -> Step | None:
+        """A source's step, if it has a sound one."""
+        return self._ask(source, checked_step, self._ask(source, source.step, reading, expected))
+
+    def _ask(self, source: Any, question: Callable[..., Any], *about: Any) -> Any:
+        """The answer; None, and a line in the log, if it raises. Of None as the first, None."""
         try:
-            answer = question(*about)
-            return None if answer is None else sound(answer)
+            return None if about[0] is None else question(*about)
         except Exception as error:
             _log.warning("%s: %s: %s", type(source).__name__, type(error).__name__, error)
             return None
-
-    def _usable(self, found: Sequence[Estimate]) -> list[Estimate]:
-        """The estimates that can be true."""
-        known = []
-        for estimate in found:
-            if (
-                self._exists(estimate.place)
-                and _finite(estimate.covariance, (3, 3))
-                and 0.0 <= estimate.probability <= 1.0
-            ):
-                known.append(estimate)
-            else:
-                _log.warning("an estimate is left out: %s", estimate)
-        return known
-
-    def _valid(self, verdicts: Sequence[Verdict]) -> Sequence[Verdict]:
-        """The verdicts. Raises `ValueError` unless there is a sound one for each hypothesis."""
-        if len(verdicts) != len(self.hypotheses):
-            raise ValueError(f"{len(verdicts)} verdicts on {len(self.hypotheses)} hypotheses")
-        for verdict in verdicts:
-            placed = verdict.place is None or self._exists(verdict.place)
-            sure = verdict.covariance is None or _finite(verdict.covariance, (3, 3))
-            if not (placed and sure and 0 <= verdict.likelihood < math.inf):
-                raise ValueError(f"no sound verdict: {verdict}")
-        return verdicts
-
-    def _exists(self, place: Place) -> bool:
-        return place.node in self.world.graph and _finite(place.T_node_laser, (3,))
 
 
 def motion_sources(
@@ -283,22 +269,3 @@ def motion_sources(
     """The default tracking sources, of a robot with its laser at this pose (metres, radians)."""
     wheels = WheelOdometry(T_robot_laser=T_robot_laser)
     return wheels, ScanMotion(features=world.features), ScanContinuity()
-
-
-def _sound(step: Step) -> Step:
-    """The step. Raises `ValueError` unless it can be one."""
-    covariance = np.asarray(step.covariance, float)
-    if not (
-        _finite(step.T_before_now, (3,))
-        and covariance.shape == (3, 3)
-        and not np.any(np.isnan(covariance))
-        and 0 <= step.doubt <= 1
-    ):
-        raise ValueError(f"no sound step: {step}")
-    return step
-
-
-def _finite(numbers: np.ndarray, shape: tuple[int, ...]) -> bool:
-    """Whether they are so many, and none so large that what follows could overflow."""
-    values = np.asarray(numbers, float)
-    return values.shape == shape and bool(np.all(np.abs(values) <= _FARTHEST))

@@ -55,6 +55,7 @@ class IdcSource:
 
     def __init__(self, config: IdcSourceConfig | None = None) -> None:
         self.config = IdcSourceConfig() if config is None else config
+        self._world: WorldModel | None = None
         self._near: Neighbours | None = None
         self._references: Surroundings | None = None
 
@@ -62,7 +63,8 @@ class IdcSource:
         self, reading: Scan, hypotheses: Sequence[Hypothesis], world: WorldModel
     ) -> Sequence[Verdict]:
         """Verdicts; those on hypotheses without a reference nearby say nothing."""
-        if self._near is None or self._references is None:
+        if self._world is not world or self._near is None or self._references is None:
+            self._world = world
             self._near = Neighbours(world, 2.0 * float(self.config.reach))
             places = {number: seen.place for number, seen in world.appearances.items()}
             self._references = Surroundings(self._near, places)

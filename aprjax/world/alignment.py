@@ -6,7 +6,6 @@ most while turning, and the start whose result agrees best beam by beam wins. Wh
 alike from several poses, one that the wheels deny must agree the better.
 """
 
-from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -96,7 +95,7 @@ def align_pairs(
     return Aligned(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
-@partial(jax.jit)
+@jax.jit
 def _align(
     views: View,
     rows: Int[Array, "slots 2"],

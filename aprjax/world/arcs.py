@@ -7,7 +7,7 @@ from aprjax.world.model import WorldModel
 from aprjax.world.parts import Arc
 from aprjax.world.smoothing import Measurements, relative_covariance, smooth
 
-_FLOOR = np.diag(np.square([0.02, 0.02, np.radians(0.3)]))
+FLOOR = np.diag(np.square([0.02, 0.02, np.radians(0.3)]))
 """What the error model of the scans leaves out, as a covariance."""
 
 
@@ -49,7 +49,7 @@ def _fit(
         start.append(compose(around[place.node], place.T_node_laser))
     first, second = (int(np.searchsorted(scans, frame)) for frame in frames)
     poses = smooth(np.array(start), local, first)
-    covariance = relative_covariance(poses, local, first, second) + _FLOOR
+    covariance = relative_covariance(poses, local, first, second) + FLOOR
     held = spread(covariance) < 2 * spread(arc.covariance) and turn_spread(
         covariance
     ) < 2 * turn_spread(arc.covariance)

@@ -28,7 +28,7 @@ from aprjax.plane import (
 )
 from aprjax.references import ReferenceSet
 from aprjax.scan import Scan
-from aprjax.world.arcs import fit_arcs
+from aprjax.world.arcs import FLOOR, fit_arcs
 from aprjax.world.closure import ClosureConfig, Located, recognize
 from aprjax.world.follow import FollowConfig, Found, follow
 from aprjax.world.model import WorldModel
@@ -136,8 +136,9 @@ def build_from_stages(
     made of them.
     """
     mapper = _Mapper(moved, seen, described.index.features.view, config)
-    for scan in range(1, len(scans)):
-        mapper.advance(scan)
+    for scan in range(len(scans)):
+        if scan > 0:  # the first one is where the map begins
+            mapper.advance(scan)
         if progress is not None:
             progress(1)
     world = mapper.world
@@ -289,8 +290,7 @@ class _Mapper:
         back = inverse(T_b_here)
         T_a_b = compose(T_a_here, back)
         of_back = inverse_covariance(T_b_here, end.covariance)
-        covariance = compose_covariance(T_a_here, start.covariance, back, of_back)
-        covariance += np.diag(np.square([0.02, 0.02, np.radians(0.3)]))
+        covariance = compose_covariance(T_a_here, start.covariance, back, of_back) + FLOOR
         self.world.add_arc(Arc(a, b, T_a_b, 0.5 * (covariance + covariance.T), kind))
 
     def _place(self, scan: int, located: Located) -> None:

@@ -72,7 +72,7 @@ class _Claim(NamedTuple):
     scan: int
     quality: float
     place: Place
-    T_here_node: np.ndarray
+    T_node_here: np.ndarray
     """The present pose in the frame of the node that the robot believes to be at."""
 
 
@@ -106,8 +106,8 @@ def recognize(
             link = reach[place.node]
             since_then = moved.way[scan] - moved.way[taken]
             if _allowed(here, link, since_then, believed, config):
-                T_here = compose(link.T_start_end, here.T_node_laser)
-                claims.append(_Claim(taken, float(seen.quality[answer]), here, T_here))
+                T_node_here = compose(link.T_start_end, here.T_node_laser)
+                claims.append(_Claim(taken, float(seen.quality[answer]), here, T_node_here))
     return _decide(scan, claims, moved, world, config)
 
 
@@ -115,8 +115,8 @@ def _allowed(
     here: Place, link: Connection, since: float, believed: Located, config: ClosureConfig
 ) -> bool:
     """Whether dead reckoning along the arcs can be so far off as `here` says."""
-    T_here = compose(link.T_start_end, here.T_node_laser)
-    off = T_here - believed.place.T_node_laser
+    T_node_here = compose(link.T_start_end, here.T_node_laser)
+    off = T_node_here - believed.place.T_node_laser
     at_end = compose_covariance(
         link.T_start_end, link.covariance, here.T_node_laser, np.zeros((3, 3))
     )
@@ -190,5 +190,5 @@ def _off(one: _Claim, other: _Claim, near: dict[int, Connection]) -> np.ndarray:
     """
     link = near.get(other.place.node)
     if link is None:
-        return relative(one.T_here_node, other.T_here_node)
+        return relative(one.T_node_here, other.T_node_here)
     return relative(one.place.T_node_laser, compose(link.T_start_end, other.place.T_node_laser))

@@ -7,6 +7,7 @@ in the node's frame. There is no global frame; `super_space` composes local ones
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import groupby
 
 import networkx as nx
 import numpy as np
@@ -23,6 +24,7 @@ from aprjax.world.parts import (
     Place,
     WorldModelError,
     check_arc,
+    check_id,
     check_pose,
     check_scan,
 )
@@ -78,23 +80,26 @@ class WorldModel:
         """The reference scans as the matcher takes them. Raises `WorldModelError` if none."""
         if not self._scans:
             raise WorldModelError("references: the world model has none")
-        known = set() if self._described is None else set(map(int, self._described.ids))
+        described = self._described
+        known = set() if described is None else set(described.ids.tolist())
         gone, new = known - self._scans.keys(), sorted(self._scans.keys() - known)
-        if self._described is None or len(gone) == len(known):
-            self._described = ReferenceSet.restore(
+        if described is None or gone == known:
+            described = ReferenceSet.restore(
                 Scan.stack([self._scans[i] for i in sorted(self._scans)]),
                 np.array(sorted(self._scans)),
                 self.next_reference,
                 self.features,
             )
         else:
-            kept = self._described.remove(sorted(gone)) if gone else self._described
-            # An id that was given and taken back between two calls is passed over.
-            kept = replace(kept, next_id=new[0]) if new else kept
-            for reference in new:
-                kept = replace(kept, next_id=reference).add([self._scans[reference]])
-            self._described = kept
-        return self._described
+            described = described.remove(sorted(gone)) if gone else described
+            # The set gives consecutive ids; one that was taken back meanwhile is passed over.
+            for _, run in groupby(enumerate(new), lambda pair: pair[1] - pair[0]):
+                ids = [reference for _, reference in run]
+                described = replace(described, next_id=ids[0]).add([self._scans[i] for i in ids])
+            if described.next_id != self.next_reference:
+                described = replace(described, next_id=self.next_reference)
+        self._described = described
+        return described
 
     def arc_end(self, appearance: Appearance) -> ArcEnd:
         """The end of the arc that an appearance looks along, forward or back, most nearly."""
@@ -121,12 +126,9 @@ class WorldModel:
     def add_node(self, scan: int | None = None, node: int | None = None) -> int:
         """A node without arcs; its id, by default one more than the largest there is."""
         node = max(self.graph, default=-1) + 1 if node is None else node
+        node = check_id(f"node {node}", node)
         if node in self.graph:
             raise WorldModelError(f"node {node}: there is one already")
-        if node < 0:
-            raise WorldModelError(f"node {node}: ids are not negative")
-        if node > MOST_ID:
-            raise WorldModelError(f"node {node}: ids are at most {MOST_ID}")
         check_scan(f"node {node}", scan)
         self.graph.add_node(node, scan=scan)
         return node
@@ -158,10 +160,6 @@ class WorldModel:
     def add_references(self, scans: Iterable[Scan], appearances: Iterable[Appearance]) -> list[int]:
         """Reference scans, one for each appearance; their ids, which are never given twice."""
         scans, appearances = list(scans), list(appearances)
-        if len(scans) != len(appearances):
-            raise WorldModelError(
-                f"references: {len(scans)} scans do not fit {len(appearances)} appearances"
-            )
         ids = list(range(self.next_reference, self.next_reference + len(scans)))
         self.restore_references(ids, scans, appearances, self.next_reference + len(ids))
         return ids
@@ -173,10 +171,32 @@ class WorldModel:
         appearances: Sequence[Appearance],
         next_reference: int,
     ) -> None:
-        """References under ids that they had before, as a file holds them."""
+        """References under ids that they had before, as a file holds them.
+
+        `next_reference` is the id that the next one added is given.
+        """
+        if not len(ids) == len(scans) == len(appearances):
+            raise WorldModelError(
+                f"references: {len(ids)} ids, {len(scans)} scans and {len(appearances)} "
+                "appearances do not fit"
+            )
+        ids = [check_id(f"reference {reference}", reference) for reference in ids]
+        taken = set(self.appearances)
         for reference, appearance in zip(ids, appearances, strict=True):
+            if reference in taken:
+                raise WorldModelError(f"reference {reference}: there is one already")
+            if reference >= next_reference:
+                raise WorldModelError(f"reference {reference}: the next id is {next_reference}")
             self._check_place(f"reference {reference}", appearance.place, appearance.scan)
+            taken.add(reference)
+        if next_reference < self.next_reference:
+            raise WorldModelError(
+                f"references: the next id {next_reference} is less than {self.next_reference}, "
+                "and ids are never given twice"
+            )
         _check_next(next_reference)
+        if self._described is not None and any(i < self._described.next_id for i in ids):
+            self._described = None  # an id may mean another scan than the one described
         self._scans.update(zip(ids, scans, strict=True))
         self.appearances.update(zip(ids, appearances, strict=True))
         self.next_reference = next_reference
@@ -191,9 +211,12 @@ class WorldModel:
             self.appearances.pop(reference, None)
             self._scans.pop(reference, None)
 
-    def add_image(self, appearance: Appearance) -> int:
-        """An image's class seen at a place; its number among the images."""
-        number = max(self.images, default=-1) + 1
+    def add_image(self, appearance: Appearance, number: int | None = None) -> int:
+        """An image's class seen at a place; its number, by default one more than the largest."""
+        number = max(self.images, default=-1) + 1 if number is None else number
+        number = check_id(f"image {number}", number)
+        if number in self.images:
+            raise WorldModelError(f"image {number}: there is one already")
         if appearance.image_class is None:
             raise WorldModelError(f"image {number}: it has no class")
         self._check_place(f"image {number}", appearance.place, appearance.scan)
@@ -209,11 +232,15 @@ class WorldModel:
         if scan not in self.places or self.places[scan].node != node:
             raise WorldModelError(f"node {node}: scan {scan} is not placed in it")
         T_old_new = self.places[scan].T_node_laser
+        arcs = []
         for neighbour in sorted(self.graph[node]):
             arc = self.arc(neighbour, node)
             T = compose(arc.T_a_b, T_old_new)
             both = compose_covariance(arc.T_a_b, arc.covariance, T_old_new, covariance)
-            self.replace_arc(Arc(neighbour, node, T, 0.5 * (both + both.T), arc.kind))
+            arcs.append(Arc(neighbour, node, T, 0.5 * (both + both.T), arc.kind))
+            check_arc(arcs[-1])
+        for arc in arcs:
+            self.replace_arc(arc)
 
         def into_new(place: Place) -> Place:
             if place.node != node:
@@ -238,14 +265,17 @@ class WorldModel:
         self._check_nodes("node", node)
         link = Arc(node, max(self.graph) + 1, np.asarray(T_node_new, float), covariance, "driven")
         check_arc(link)
-        moved = [(self.arc(node, neighbour), neighbour) for neighbour in moved_arcs]
-        new = self.add_node()
-        for arc, neighbour in moved:
-            self.remove_arc(node, neighbour)
-            back = link.seen_from(new)
+        back, arcs = link.seen_from(link.b), []
+        for neighbour in dict.fromkeys(moved_arcs):
+            arc = self.arc(node, neighbour)
             T = compose(back.T_a_b, arc.T_a_b)
             both = compose_covariance(back.T_a_b, back.covariance, arc.T_a_b, arc.covariance)
-            self.add_arc(Arc(new, neighbour, T, both, arc.kind))
+            arcs.append(Arc(link.b, neighbour, T, both, arc.kind))
+            check_arc(arcs[-1])
+        new = self.add_node()
+        for arc in arcs:
+            self.remove_arc(node, arc.b)
+            self.add_arc(arc)
         self.add_arc(link)
 
         def near_new(place: Place) -> Place:
@@ -263,13 +293,16 @@ class WorldModel:
 
         Arcs of `gone` go on from `kept`, except to nodes that `kept` has an arc to already.
         """
-        link = self.arc(kept, gone)
+        link, arcs = self.arc(kept, gone), []
         for neighbour in sorted(set(self.graph[gone]) - {kept} - set(self.graph[kept])):
             arc = self.arc(gone, neighbour)
             T = compose(link.T_a_b, arc.T_a_b)
             both = compose_covariance(link.T_a_b, link.covariance, arc.T_a_b, arc.covariance)
             kind = "closed" if "closed" in (link.kind, arc.kind) else "driven"
-            self.add_arc(Arc(kept, neighbour, T, both, kind))
+            arcs.append(Arc(kept, neighbour, T, both, kind))
+            check_arc(arcs[-1])
+        for arc in arcs:
+            self.add_arc(arc)
 
         def into_kept(place: Place) -> Place:
             if place.node != gone:

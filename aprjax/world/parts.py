@@ -1,5 +1,6 @@
 """What a world model is made of: arcs, places, and what was seen at them."""
 
+import operator
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,6 +79,19 @@ class ArcEnd:
     """Whether the sensor looked along the arc, away from the node, or back over it."""
 
 
+def check_id(name: str, number: int) -> int:
+    """A part's number as a plain int. Raise `WorldModelError` with its name if it can be none."""
+    try:
+        number = operator.index(number)
+    except TypeError:
+        raise WorldModelError(f"{name}: ids are whole numbers") from None
+    if number < 0:
+        raise WorldModelError(f"{name}: ids are not negative")
+    if number > MOST_ID:
+        raise WorldModelError(f"{name}: ids are at most {MOST_ID}")
+    return number
+
+
 def check_arc(arc: Arc) -> None:
     """Raise `WorldModelError` unless the arc's numbers can be those of an arc."""
     name = f"arc {arc.a}-{arc.b}"
@@ -108,5 +122,9 @@ def check_pose(name: str, T: np.ndarray) -> None:
 
 def check_scan(name: str, scan: int | None) -> None:
     """Raise `WorldModelError` with a part's name unless a log may number a scan so, or is none."""
-    if scan is not None and scan < 0:
+    try:
+        possible = scan is None or operator.index(scan) >= 0
+    except TypeError:
+        possible = False
+    if not possible:
         raise WorldModelError(f"{name}: there is no scan {scan}")

@@ -129,9 +129,11 @@ def _unpacked(arrays: Archive) -> WorldModel:
         world.place_scan(number, place)
     _read_references(arrays, world)
     classes = arrays.get("image_classes", (None,), np.int64)
-    _, appearances = _read_appearances(arrays, "image", len(classes))
-    for appearance, image_class in zip(appearances, classes.tolist(), strict=True):
-        world.add_image(Appearance(appearance.place, appearance.scan, image_class))
+    numbers, appearances = _read_appearances(arrays, "image", len(classes))
+    for number, appearance, image_class in zip(
+        numbers.tolist(), appearances, classes.tolist(), strict=True
+    ):
+        world.add_image(Appearance(appearance.place, appearance.scan, image_class), number)
     world.check()
     return world
 

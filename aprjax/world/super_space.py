@@ -5,7 +5,9 @@ composing the arcs of a path, and each arc adds its error. Two paths to one node
 difference is the residual of the cycle they form, and where it is large the map is torn.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import networkx as nx
@@ -65,27 +67,36 @@ class Cycle:
 
 
 def connections(world: WorldModel, start: int, reach: float = np.inf) -> dict[int, Connection]:
-    """Every node that can be reached from `start`, along the path of the least uncertain arcs.
+    """Every node at most `reach` metres along the arcs from `start`.
 
-    `reach` bounds the metres along the arcs. Raises `WorldModelError` for an unknown node.
+    Each along the path of the least uncertain arcs, or, where that is longer than `reach`, along
+    the shortest one. Raises `WorldModelError` for an unknown node.
     """
     if start not in world.graph:
         raise WorldModelError(f"node {start}: there is none")
     search: Any = nx.single_source_dijkstra
-    distances, paths = search(world.graph, start, weight=_uncertainty)
-    found = {start: Connection(np.zeros(3), np.zeros((3, 3)), (start,), 0.0)}
-    # Distances are listed as nodes are settled, predecessors first; paths are not.
-    for node in distances:
-        if node != start and paths[node][-2] in found:
-            connection = found[paths[node][-2]].then(world, node)
+    lengths, shortest = search(world.graph, start, cutoff=reach, weight=_length)
+
+    def weight(a: int, b: int, attributes: dict) -> float | None:
+        return _uncertainty(a, b, attributes) if b in lengths else None  # no way leads there
+
+    uncertainties, surest = search(world.graph, start, weight=weight)
+    found = {start: _along(world, [start])}
+    # They are listed as nodes are settled, predecessors first; paths are not.
+    for node in uncertainties:
+        if node != start and surest[node][-2] in found:
+            connection = found[surest[node][-2]].then(world, node)
             if connection.length <= reach:
                 found[node] = connection
+    for node in lengths:
+        if node not in found:
+            found[node] = _along(world, shortest[node])
     return found
 
 
 def neighbourhood(world: WorldModel, start: int, arcs: int) -> dict[int, Connection]:
     """The nodes at most so many `arcs` away, along the fewest."""
-    found = {start: Connection(np.zeros(3), np.zeros((3, 3)), (start,), 0.0)}
+    found = {start: _along(world, [start])}
     fringe = [start]
     for _ in range(arcs):
         reached = []
@@ -122,16 +133,20 @@ def cycles(world: WorldModel) -> list[Cycle]:
     plain.add_weighted_edges_from((arc.a, arc.b, arc.length) for arc in world.arcs())
     for nodes in nx.minimum_cycle_basis(plain, weight="weight"):
         ordered = _in_order(world.graph, nodes)
-        way = Connection(np.zeros(3), np.zeros((3, 3)), (ordered[0],), 0.0)
-        for node in (*ordered[1:], ordered[0]):
-            way = way.then(world, node)
+        way = _along(world, [*ordered, ordered[0]])
         found.append(Cycle(ordered, way.T_start_end, way.covariance, way.length))
     return sorted(found, key=lambda cycle: (cycle.length, cycle.nodes))
 
 
 def assemble(world: WorldModel, root: int | None = None) -> dict[int, np.ndarray]:
-    """The contorted frame of `root`, by default the first node: poses `(3,)` of all it reaches."""
-    root = world.nodes[0] if root is None else root
+    """The contorted frame of `root`, by default the first node: poses `(3,)` of all it reaches.
+
+    Raises `WorldModelError` for an unknown root, and for a model without nodes.
+    """
+    if root is None:
+        if not world.nodes:
+            raise WorldModelError("world: there is no node")
+        root = world.nodes[0]
     return {node: found.T_start_end for node, found in connections(world, root).items()}
 
 
@@ -150,25 +165,44 @@ def largest_gap(cycles_: list[Cycle]) -> float:
     return max((float(distance(cycle.T_residual)) for cycle in cycles_), default=0.0)
 
 
+def _along(world: WorldModel, path: Sequence[int]) -> Connection:
+    """The last node of a path as the first one sees it."""
+    way = Connection(np.zeros(3), np.zeros((3, 3)), (path[0],), 0.0)
+    for node in path[1:]:
+        way = way.then(world, node)
+    return way
+
+
+def _length(a: int, b: int, attributes: dict) -> float:
+    return attributes["arc"].length
+
+
 def _uncertainty(a: int, b: int, attributes: dict) -> float:
     arc = attributes["arc"]
     return spread(arc.covariance) + _TURN * turn_spread(arc.covariance) + 1e-6
 
 
 def _in_order(graph: nx.Graph, nodes: list[int]) -> tuple[int, ...]:
-    """The nodes of a cycle one after the other, from the lowest.
+    """The nodes of a cycle one after the other, from the lowest to its lower neighbour.
 
-    Where the map is torn, an arc between two of them may be longer than the way round.
+    networkx promises no order, but keeps one. Without it, the shortest arcs are tried first: where
+    the map is torn, an arc between two of the nodes may be longer than the way round.
     """
-    inside = nx.Graph(graph.subgraph(nodes))
-    arcs = sorted(inside.edges(data="arc"), key=lambda edge: (-edge[2].length, edge[:2]))
-    for a, b, _ in arcs:
-        if inside.degree[a] > 2 and inside.degree[b] > 2:
-            inside.remove_edge(a, b)
-    start = min(nodes)
-    ordered, before = [start, min(inside[start])], start
-    while len(ordered) < len(nodes):
-        following = next(n for n in inside[ordered[-1]] if n not in (before, ordered[-1]))
-        before = ordered[-1]
-        ordered.append(following)
-    return tuple(ordered)
+    if not all(graph.has_edge(a, b) for a, b in pairwise([*nodes, nodes[0]])):
+        nodes = _way_round(graph, nodes)
+    first = nodes.index(min(nodes))
+    ordered = nodes[first:] + nodes[:first]
+    return tuple(ordered if ordered[1] < ordered[-1] else ordered[:1] + ordered[:0:-1])
+
+
+def _way_round(graph: nx.Graph, nodes: list[int]) -> list[int]:
+    """The nodes of a cycle in an order in which arcs connect them."""
+    ways = [[nodes[0]]]
+    while ways:
+        way = ways.pop()
+        if len(way) == len(nodes) and graph.has_edge(way[-1], way[0]):
+            return way
+        ahead = [node for node in graph[way[-1]] if node in nodes and node not in way]
+        ahead.sort(key=lambda node: -graph.edges[way[-1], node]["arc"].length)
+        ways += [[*way, node] for node in ahead]
+    raise WorldModelError(f"nodes {nodes}: no cycle of arcs")

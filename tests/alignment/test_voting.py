@@ -214,6 +214,17 @@ def test_an_edge_on_an_edge_gives_both_senses(references):
     assert (found.count[found.valid] == 1).all()
 
 
+def test_more_votes_than_16_bits_hold_are_counted():
+    """As many anchors as a scan may have, close together, on a copy of themselves."""
+    xy = scattered(5, 128, size=1.2)
+    of = jax.device_get(graph(xy, slots=128))
+    references = stacked([of])
+    k_m = np.asarray(references.edges).astype(np.float32)
+    found = votes_of(EdgeTable.build(references), k_m, np.ones(1, bool), of, VotingConfig())
+    assert found.count.max() > np.iinfo(np.int16).max
+    assert found.count.min() >= 0
+
+
 @pytest.mark.parametrize("name", ["places", "depth"])
 @pytest.mark.parametrize("value", [0, 3, 48])
 def test_numbers_of_counters_that_are_no_power_of_two_are_refused(name, value):

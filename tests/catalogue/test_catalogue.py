@@ -34,6 +34,16 @@ def test_references_added_piece_by_piece_are_those_of_one_catalogue(small_blocks
     assert pieces.add(scans[:1]).blocks[0] is pieces.blocks[0]
 
 
+def test_what_a_catalogue_was_built_from_may_change_and_it_does_not(scans):
+    stack = Scan.stack(scans)
+    catalogue = Catalogue.build(stack)
+    kept = jax.tree.map(np.copy, catalogue.blocks[0].scans)
+    for leaf in jax.tree.leaves(stack):
+        leaf[:] = 7
+    for ours, wanted in zip(*map(jax.tree.leaves, (catalogue.blocks[0].scans, kept)), strict=True):
+        np.testing.assert_array_equal(ours, wanted)
+
+
 def test_scans_are_given_back_by_their_ids(small_blocks, scans):
     ids = np.array([16, 0, 9, 0, 3])
     found = Catalogue.build(scans).scans(ids)

@@ -32,23 +32,29 @@ def path_of(steps):
     return np.array(poses)
 
 
-@pytest.fixture(scope="module")
-def drive(tmp_path_factory):
-    """The paths of a map made by hand, and of a log whose scans were taken in it."""
-    folder = tmp_path_factory.mktemp("drive")
-    plan = office(seed=3)
-    world = WorldModel()
+def office_map(plan, rng, alone=0):
+    """Two nodes with a reference each, after so many that no arcs lead to."""
+    world, first = WorldModel(), alone
+    for _ in range(alone):
+        world.add_node()
     world.add_node(5)
     world.add_node(9)
     T_world_node = np.array([START, SECOND])
     T_a_b = relative(T_world_node[0], T_world_node[1])
-    world.add_arc(Arc(0, 1, T_a_b, 1e-4 * np.eye(3), "driven"))
-    rng = np.random.default_rng(1)
+    world.add_arc(Arc(first, first + 1, T_a_b, 1e-4 * np.eye(3), "driven"))
     world.add_references(
         [scan_at(plan, pose, noise=0.01, rng=rng) for pose in T_world_node],
-        [Appearance(Place(node, np.zeros(3)), scan) for node, scan in ((0, 5), (1, 9))],
+        [Appearance(Place(first + k, np.zeros(3)), scan) for k, scan in enumerate((5, 9))],
     )
-    save_map(world, folder / "office.map")
+    return world
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory):
+    """The paths of a map made by hand, and of a log whose scans were taken in it."""
+    folder = tmp_path_factory.mktemp("drive")
+    plan, rng = office(seed=3), np.random.default_rng(1)
+    save_map(office_map(plan, rng), folder / "office.map")
     lines = [
         laser_line(scan_at(plan, pose, noise=0.01, rng=rng), relative(START, pose), 0.5 * k)
         for k, pose in enumerate(path_of(8))
@@ -148,6 +154,23 @@ def test_the_trajectory_holds_the_scans_after_which_the_robot_is_tracked(outputs
     np.testing.assert_allclose(stamps, 0.5 * np.array(tracked))
     # The map's frame is that of its first node, where the robot started.
     np.testing.assert_allclose(poses[-1], relative(START, path_of(8)[-1]), atol=0.1)
+
+
+def test_what_lies_in_other_parts_of_the_map_is_counted_where_it_is_left_out(
+    drive, outputs, tmp_path, command
+):
+    parts, tum = tmp_path / "parts.map", tmp_path / "f.tum"
+    save_map(office_map(office(seed=3), np.random.default_rng(1), alone=1), parts)
+    options = ["--tum", tum, "--pictures", tmp_path / "pictures", "--cycles", "8"]
+    status, _, err = command("localize", parts, drive[1], "--out", tmp_path / "t.csv", *options)
+    assert status == 0
+    tracked = len(read_tum(outputs[1])[0])
+    assert tracked > 0
+    assert err.splitlines()[:-1] == [
+        f"{tum}: {tracked} of {tracked} poses left out: no arcs lead there from node 0",
+        f"{parts}: 2 of 3 nodes left out: no arcs lead there from node 0",
+    ]
+    assert tum.read_text().splitlines() == ["# stamp x y z qx qy qz qw"]
 
 
 def test_one_line_sums_up_and_standard_output_takes_the_table(drive, outputs, command):

@@ -69,9 +69,70 @@ def test_a_path_is_a_table(command, small):
 
 @pytest.mark.parametrize("options", [(), ("--relaxed",), ("--root", "2", "--no-scans")])
 def test_the_picture_is_a_png(command, small, tmp_path, options):
-    status, _, err = command("map", "show", small, "--out", tmp_path / "f.png", *options)
-    assert (status, err) == (0, "")
+    status, _, _ = command("map", "show", small, "--out", tmp_path / "f.png", *options)
+    assert status == 0
     assert (tmp_path / "f.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ((), "1 of 4 nodes left out: no arcs lead there from node 0"),
+        (("--relaxed",), "1 of 4 nodes left out: no arcs lead there from node 0"),
+        (("--root", "3"), "3 of 4 nodes left out: no arcs lead there from node 3"),
+    ],
+)
+@pytest.mark.parametrize("words", [("show", "f.png"), ("export", "f.g2o"), ("export", "f.toro")])
+def test_how_much_of_a_map_in_parts_is_left_out_is_one_line(
+    command, small, tmp_path, words, options, said
+):
+    kind, name = words
+    status, out, err = command("map", kind, small, "--out", tmp_path / name, *options)
+    assert (status, out, err) == (0, "", f"{small}: {said}\n")
+
+
+def test_nothing_is_said_where_the_whole_map_is_drawn(command, tmp_path):
+    _, path, _ = mapped()
+    for words in (("show", "f.png"), ("export", "f.g2o")):
+        status, _, err = command("map", words[0], path, "--out", tmp_path / words[1])
+        assert (status, err) == (0, "")
+
+
+@pytest.mark.parametrize("chosen", ["score", "node-link", "graphml"])
+@pytest.mark.parametrize("options", [("--relaxed",), ("--root", "0")])
+def test_a_frame_is_refused_where_the_format_has_none(command, small, tmp_path, chosen, options):
+    out = tmp_path / "out"
+    status, _, err = command("map", "export", small, "--out", out, "--format", chosen, *options)
+    assert status == 1
+    assert err == f"aprjax: {out}: {chosen} has no frame of all nodes for {options[0]}\n"
+    assert not out.exists()
+
+
+def test_every_cycle_of_every_part_is_told_before_and_after_relaxation(command, tmp_path):
+    world, count = WorldModel(), 7
+    corner = np.array([3.0, 0.0, 2 * np.pi / 3])
+    for part in range(count):
+        a, b, c = (world.add_node() for _ in range(3))
+        world.add_arc(Arc(a, b, corner, SURE, "driven"))
+        world.add_arc(Arc(b, c, corner, SURE, "driven"))
+        world.add_arc(Arc(c, a, corner + np.array([0.1 * part, 0, 0]), SURE, "closed"))
+    save_map(world, tmp_path / "parts.map")
+    facts = json.loads(command("map", "info", tmp_path / "parts.map", "--json")[1])
+    listed = facts["worst_cycles"]
+    assert facts["cycles"] == len(listed) == count
+    np.testing.assert_allclose([cycle["gap_m"] for cycle in listed], np.arange(count)[::-1] / 10)
+    for cycle in listed:
+        assert cycle["worst_arc_relaxed_m"] <= cycle["gap_m"]
+        assert cycle["worst_arc_relaxed_deg"] < 2
+    # A small gap is shared by all three arcs; a large one is left to an arc that gives way.
+    for cycle in listed[-3:]:
+        assert cycle["worst_arc_relaxed_m"] == pytest.approx(cycle["gap_m"] / 3, abs=0.01)
+    assert facts["worst_arc_assembled_m"] == pytest.approx(0.6, abs=0.05)
+    assert facts["worst_arc_relaxed_m"] == max(c["worst_arc_relaxed_m"] for c in listed)
+
+    out = command("map", "info", tmp_path / "parts.map")[1].splitlines()
+    assert "the worst 5 of 7 cycles:" in out
+    assert sum(line.startswith("cycle ") for line in out) == 5
 
 
 @pytest.mark.parametrize(

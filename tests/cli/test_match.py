@@ -193,7 +193,7 @@ def test_options_arrive_in_the_configuration(logs, command, monkeypatch):
     command("match", *logs, "--out", "-", "--top-k", "all", "--hypotheses", 60)
     config = seen[-1][0]
     assert (config.top_k, config.hypotheses) == (None, 60)
-    assert config.shortlist.kept >= 60
+    assert config.listing.kept >= 60
 
 
 def test_damaged_lines_are_counted_and_the_first_shown(logs, table, tmp_path, command):

@@ -211,6 +211,15 @@ def test_e_m_grows_with_the_extent_of_what_agrees():
     assert 0 == e_m(0.0) < e_m(0.5) < e_m(2.0) < e_m(8.0) < 1
 
 
+@pytest.mark.parametrize(("anchors", "extent"), [(0, 4.0), (6, 0.0), (0, 0.0)])
+def test_nothing_that_agrees_is_worth_zero_also_where_one_half_is_worth_nothing(anchors, extent):
+    said, yes = verdicts(120, 10, extent), jnp.asarray(True)
+    config = QualityConfig(anchors=0.0, extent=0.0)
+    assert quality(said, said, yes, yes, jnp.int32(anchors), config) == 0
+    some = verdicts(120, 10, extent=1e-3)
+    assert quality(some, some, yes, yes, jnp.int32(1), config) > 0.5
+
+
 @pytest.mark.parametrize("agree", [0, 1, 5, 9])
 def test_a_twentieth_of_the_beams_is_no_match_however_many_anchors_agree(agree):
     little = verdicts(agree, 0)

@@ -94,6 +94,22 @@ def test_the_best_stays_the_best_and_all_stay_in_range():
         assert np.all((quality >= 0) & (quality <= e_m))
 
 
+def test_alternatives_beyond_the_rivals_take_nothing_from_those_before_them():
+    rng = np.random.default_rng(1)
+    more = RULES.rivals + 8
+    e_m = np.sort(rng.uniform(0.1, 1, more).astype(np.float32))[::-1].copy()
+    excluding = np.r_[0, rng.choice([0, 0.3], more - 1)].astype(np.float32)
+    excluding[RULES.rivals :] = 1
+    all_, strongest = distinct_quality(jnp.asarray(e_m), jnp.asarray(excluding), RULES)
+    few, wanted = distinct_quality(
+        *(jnp.asarray(a[: RULES.rivals]) for a in (e_m, excluding)), RULES
+    )
+    np.testing.assert_array_equal(all_[: RULES.rivals], few)
+    assert strongest == wanted
+    # They lose to the best themselves.
+    np.testing.assert_allclose(all_[RULES.rivals :], 0.5 * e_m[RULES.rivals :], rtol=1e-6)
+
+
 def test_without_weight_rivals_cost_nothing():
     e_m = jnp.asarray([0.5, 0.4])
     quality, strongest = distinct_quality(

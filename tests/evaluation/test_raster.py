@@ -154,6 +154,13 @@ def test_points_outside_the_drawing_say_nothing():
     assert one(around(6.0), around(6.0), (1e4, -1e4, 1.0)) == 0
 
 
+def test_a_rating_of_zero_scores_zero_also_where_any_other_is_worth_all():
+    scans = around(6.0), around(6.0)
+    scores = [one(*scans, rating=rating, rules=GlanceConfig(votes=0.0)) for rating in (0.0, 0.1)]
+    assert scores[0] == 0
+    np.testing.assert_allclose(scores[1], (1 + float(RULES.doubt)) ** -2, rtol=1e-5)
+
+
 def test_the_score_grows_with_the_rating_and_falls_with_contradiction():
     scans = around(6.0), around(np.where(HALF, 2.0, 6.0))
     scores = [one(*scans, rating=rating) for rating in (0.0, 0.1, 1.0, 100.0)]

@@ -23,11 +23,14 @@ def outcome(name: str, best, quality) -> Outcome:
         "quality": np.reshape(quality, (count, 1)),
         "probability": np.ones((count, 1)),
         "valid": np.ones((count, 1), bool),
+        "confident": np.asarray(quality) > 0.4,
     }
     scans: Any = None
     split = Split(name, scans, scans, np.zeros((1, 3)), np.zeros((count, 3)), np.ones(count, bool))
     references: Any = SimpleNamespace(ids=np.zeros(1, int))
-    return Outcome(split, references, MatchResult(**fields), seconds=0.002)
+    return Outcome(
+        split, references, MatchResult(**fields), seconds=0.002, single=np.array([0.004, 0.008])
+    )
 
 
 def test_the_six_splits_get_means_and_one_threshold():
@@ -42,7 +45,8 @@ def test_the_six_splits_get_means_and_one_threshold():
     # Above the wrong one's e_m are six right ones; each split by itself accepts them all.
     assert six["at_1%"] == pytest.approx(6 / 12)
     assert [row["at_1%"] for row in rows[:6]] == [1.0] * 5 + [0.5]
-    assert six["ms"] == 2.0
+    assert [six[name] for name in ("correct", "false", "none")] == [6, 1, 5]
+    assert (six["ms"], six["single_ms"], six["longest_ms"]) == (2.0, 6.0, 8.0)
     assert list(six) == list(rows[0])
 
 

@@ -154,6 +154,13 @@ def test_without_the_cascade_its_two_looks_leave_all_there_is(told, references):
     assert shapes.aligned.row.shape == shapes.kept.row.shape == shapes.evaluated.row.shape
 
 
+def test_there_is_room_for_all_hypotheses_that_are_asked_for(told, references):
+    shapes = jax.eval_shape(
+        _trace, told.query, np.array([-1]), references.index, MatchConfig(hypotheses=120)
+    )
+    assert shapes.passed.row.shape == shapes.kept.row.shape == (120,)
+
+
 def test_where_a_process_allows_64_bits_the_page_is_the_same(text, scan, references, wide):
     wide()
     told = account(scan, references, CONFIG, exclude=[EXCLUDED])

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import pytest
 
-from aprjax import MatchConfig, ReferenceSet, ShardedReferences, match_sharded
+from aprjax import MatchConfig, ReferenceSet, Scan, ShardedReferences, match_sharded
 from tests.worlds import free_pose, office, scan_at
 
 ROOT = Path(__file__).parents[2]
@@ -97,6 +97,13 @@ def test_growing_and_shrinking_give_ids_as_in_a_reference_set(scans, mesh):
     assert len(spread) == 3
     assert spread.next_id == 5
     np.testing.assert_array_equal(spread.add(scans[:1]).ids, [0, 2, 4, 5])
+
+
+def test_what_references_were_built_from_may_change_and_they_do_not(scans, mesh):
+    stack = Scan.stack(scans)
+    spread = ShardedReferences.build(stack, mesh)
+    stack.ranges[:] = 7
+    np.testing.assert_array_equal(spread.scans.ranges[1, :181], scans[1].ranges)
 
 
 def test_bad_requests_are_refused_by_name(scans, mesh):

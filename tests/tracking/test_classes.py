@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+import aprjax.tracking.classes
 from aprjax.places.classifier import ViewClassifier
 from aprjax.places.neural_gas import NeuralGas, NeuralGasConfig
 from aprjax.tracking.classes import (
@@ -10,7 +11,8 @@ from aprjax.tracking.classes import (
     register_images,
     scan_source,
 )
-from aprjax.world.parts import Place
+from aprjax.world.model import WorldModel
+from aprjax.world.parts import Place, WorldModelError
 from aprjax.world.store import load_map, save_map
 from tests.tracking.worlds import at, corridor, drive, sure, tracker
 from tests.worlds import office, scan_at
@@ -121,6 +123,48 @@ def test_the_classes_of_the_references_need_no_training_run():
         for pose in poses[:2]
     )
     assert here > 1 > elsewhere
+
+
+def test_a_model_without_references_has_no_classes_of_scans():
+    for made in (None, classifier()):
+        with pytest.raises(WorldModelError, match="references: the world model has none"):
+            scan_source(WorldModel(), made)
+
+
+def test_another_world_is_asked_about_itself():
+    made, near, apart = source((0, 4.0, 0)), corridor(), corridor()
+    apart.remove_arc(0, 1)
+    hypotheses = sure(world=near, node=1).hypotheses
+    asked = [made.judge(0, hypotheses, world)[0].likelihood for world in (near, apart, near)]
+    assert asked[0] == asked[2] != 1
+    assert asked[1] == 1
+
+
+def test_how_common_a_class_is_is_asked_of_all_registered_places_at_once(monkeypatch):
+    calls, distance = [], aprjax.tracking.classes.distance
+
+    def counted(T):
+        calls.append(len(T))
+        return distance(T)
+
+    monkeypatch.setattr(aprjax.tracking.classes, "distance", counted)
+    rng = np.random.default_rng(0)
+    xs, classes = rng.uniform(-2, 2, 150), rng.integers(0, 6, 150)
+    made = source(*((k % 3, x, int(c)) for k, (x, c) in enumerate(zip(xs, classes, strict=True))))
+    world = corridor()
+    hypotheses = [sure(world=world, node=node).hypotheses[0] for node in (0, 1, 2)]
+    verdicts = made.judge(0, hypotheses, world)
+    assert len(calls) <= 1 + len(hypotheses)
+    # One place after the other: x along the corridor, all looking ahead.
+    x = xs + 4.0 * (np.arange(150) % 3)
+    for node, (hypothesis, found) in enumerate(zip(hypotheses, verdicts, strict=True)):
+        reach = float(CONFIG.reach) + hypothesis.radius
+        likeness = np.where(classes == 0, 2, np.where(classes == 1, 1, 0))
+        around = [likeness[np.abs(x - at) <= reach].max() for at in x]
+        best = likeness[np.abs(x - 4.0 * node) <= reach].max()
+        share = {2: float(CONFIG.same), 1: float(CONFIG.near)}[int(best)]
+        expected = share / np.mean(np.array(around) == best) + 1 - CONFIG.same - CONFIG.near
+        assert found.likelihood == pytest.approx(float(expected))
 
 
 def test_every_hypothesis_gets_a_verdict_and_the_tracker_uses_them():

@@ -10,8 +10,7 @@ from aprjax.scan import Scan
 from aprjax.tracking import validation
 from aprjax.tracking.apr import AprSource, MatchedSource, estimates
 from aprjax.tracking.continuity import ScanContinuity, end_points
-from aprjax.tracking.fusion import fuse
-from aprjax.tracking.hypothesis import Step, VolumeConfig
+from aprjax.tracking.hypothesis import VolumeConfig
 from aprjax.tracking.idc import Idc
 from aprjax.tracking.neighbours import Neighbours, seen_from
 from aprjax.tracking.odometry import Gyro, OdometryConfig, WheelOdometry
@@ -97,35 +96,6 @@ def test_a_gyro_measures_turns_across_the_half_turn_and_no_way():
     step = gyro.step(-3.1, None)
     assert step.T_before_now[2] == pytest.approx(2 * np.pi - 6.2)
     assert np.isinf(step.covariance[0, 0])
-
-
-def test_one_measured_step_is_passed_on_as_it_is():
-    step = drive(1.0, 0.2, 0.1, deviation=0.1)
-    fused = fuse([step, Step.unmeasured()], 0.3)
-    np.testing.assert_array_equal(fused.T_before_now, step.T_before_now)
-    np.testing.assert_array_equal(fused.covariance, step.covariance)
-
-
-def test_two_measured_steps_are_weighed_by_their_covariances():
-    fused = fuse([drive(1.0, deviation=0.1), drive(2.0, deviation=0.2)], 0.3)
-    assert fused.T_before_now[0] == pytest.approx(1.2)
-    assert fused.covariance[0, 0] == pytest.approx(0.1**2 * 0.2**2 / (0.1**2 + 0.2**2))
-
-
-def test_turns_of_two_sources_are_averaged_across_the_half_turn():
-    fused = fuse([drive(0, 0, 3.1, 0.1), drive(0, 0, -3.1, 0.1)], 0.3)
-    assert abs(fused.T_before_now[2]) == pytest.approx(np.pi, abs=1e-6)
-
-
-def test_what_no_source_measured_has_the_deviation_of_the_unmeasured():
-    gyro = Step(np.array([0, 0, 0.5]), np.diag([np.inf, np.inf, 1e-4]))
-    fused = fuse([gyro], 0.3)
-    np.testing.assert_allclose(fused.T_before_now, [0, 0, 0.5], atol=1e-9)
-    np.testing.assert_allclose(np.diag(fused.covariance), [0.09, 0.09, 1e-4], rtol=1e-6)
-
-
-def test_doubts_of_several_sources_add_up():
-    assert fuse([drive(doubt=0.5), Step.unmeasured(0.5)], 0.3).doubt == pytest.approx(0.75)
 
 
 def test_scans_of_one_drive_go_on_from_each_other_and_others_do_not():
@@ -335,3 +305,12 @@ def test_idc_does_not_count_a_scan_again_that_has_just_confirmed(judged_by_idc):
     world = corridor()
     (verdict,) = judged_by_idc(outcome(), sure(world=world).hypotheses, world)
     assert verdict.likelihood == 1
+
+
+def test_idc_finds_a_reference_far_from_the_home_node(judged_by_idc):
+    for x in (4.0, 7.0, 8.0):
+        made = sure(world=(world := corridor(nodes=6)))
+        made.move(step=drive(x))
+        world.remove_references([0])
+        (verdict,) = judged_by_idc(outcome(converged=False), made.hypotheses, world)
+        assert verdict.likelihood < 1

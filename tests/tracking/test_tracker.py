@@ -5,7 +5,7 @@ import logging
 import numpy as np
 import pytest
 
-from aprjax.plane import distance
+from aprjax.plane import compose, distance
 from aprjax.tracking.belief import Situation
 from aprjax.tracking.evidence import EvidenceConfig
 from aprjax.tracking.hypothesis import Step
@@ -16,6 +16,7 @@ from aprjax.tracking.validation import IdcSource
 from aprjax.world.parts import Place
 from tests.tracking.worlds import (
     EXACT,
+    Driven,
     Told,
     approve,
     at,
@@ -25,6 +26,7 @@ from tests.tracking.worlds import (
     total,
     tracker,
 )
+from tests.worlds import office, scan_at
 
 CONFIG = EvidenceConfig()
 
@@ -128,6 +130,15 @@ def test_a_pose_beyond_reach_confirms_nothing():
     made.move(step=drive(1.0))
     made.observe(estimates=[at(11, -43.0)])
     assert len(made.hypotheses) == 2
+
+
+def test_a_robot_that_drove_far_from_its_home_node_is_still_confirmed():
+    made = sure(world=corridor(nodes=12))
+    number = made.belief.best.number
+    for _ in range(36):
+        made.move(step=drive(1.0, deviation=0.02))
+    made.observe(estimates=[at(9)])
+    assert (made.belief.best.number, made.belief.best.place.node) == (number, 9)
 
 
 # Reward, punishment, deletion, the rest
@@ -451,7 +462,73 @@ def test_what_are_no_estimates_is_left_out(estimates):
     assert made.observe(estimates=estimates) is before
 
 
+RANK_ONE = np.zeros((3, 3))
+RANK_ONE[0, 0] = 1e8
+HALF_KNOWN = np.diag([1.0, 1.0, 0.1])
+HALF_KNOWN[0, 1] = HALF_KNOWN[1, 0] = np.inf
+
+
+@pytest.mark.parametrize(
+    "covariance",
+    [-np.eye(3), np.diag([1e308] * 3), HALF_KNOWN, np.ones((3, 2)), np.full((3, 3), np.nan)],
+)
+def test_a_covariance_that_is_none_is_left_out(covariance):
+    made = sure()
+    before = made.belief
+    assert made.move(step=Step(np.zeros(3), covariance)) is before
+    estimate = Estimate(Place(0, np.zeros(3)), covariance, 0.9)
+    assert made.observe(estimates=[estimate]).best.number == before.best.number
+    verdict = Verdict(2.0, Place(0, np.zeros(3)), covariance)
+    made.observe(verdict=lambda hypothesis: verdict)
+    assert np.all(np.linalg.eigvalsh(made.belief.best.covariance) > 0)
+
+
+@pytest.mark.parametrize("covariance", [EXACT.tolist(), RANK_ONE])
+def test_numbers_in_lists_and_extreme_ones_are_taken_beside_other_sources(covariance):
+    made = sure(tracking=[Driven(), WheelOdometry()])
+    for x in (0.0, 0.1, 0.2):
+        step = Step([0.1, 0.0, 0.0], covariance)
+        made.move(step=step, odometry=[x, 0.0, 0.0])
+        place = Place(0, [x, 0.0, 0.0])
+        made.observe(verdict=lambda hypothesis, place=place: Verdict(1.5, place, covariance))
+    assert np.all(np.isfinite(made.belief.best.covariance))
+    assert total(made.belief) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("config", "field"), [(EvidenceConfig, "independence"), (TrackerConfig, "unmeasured")]
+)
+def test_a_configuration_that_divides_by_zero_is_refused(config, field):
+    with pytest.raises(ValueError, match=field):
+        config(**{field: 0.0})
+
+
+# Sources at rates of their own
+
+
+def test_odometry_that_reads_more_often_than_the_scanner_counts_once():
+    world = office(seed=3)
+    made = HypothesisTracker(corridor(), primary=[Told()], validation=[])
+    made.observe(estimates=[at(probability=0.99)])
+    start = np.array([2.0, 2.0, 0.3])
+    for k in range(21):
+        pose = compose(start, np.array([0.02 * k, 0.0, 0.0]))
+        scan = {} if k % 5 else {"scan": scan_at(world, pose)}
+        made.move(odometry=[0.02 * k, 0.0, 0.0], **scan)
+    np.testing.assert_allclose(made.belief.best.place.T_node_laser, [0.4, 0, 0], atol=0.02)
+
+
 # Time
+
+
+def test_a_late_reading_that_is_left_out_does_no_harm():
+    made = sure()
+    made.move(stamp=100.0, step=drive(0.0))
+    made.observe(stamp=100.0, estimates=[at(probability=0.99)])
+    before = made.belief
+    assert made.observe(stamp=60.0, estimates=[at(probability=0.99)]) is before
+    made.observe(stamp=100.05, estimates=[at(probability=0.99)])
+    assert made.belief.best.radius == pytest.approx(before.best.radius)
 
 
 def test_readings_out_of_order_are_left_out(caplog):
@@ -500,7 +577,36 @@ def test_minutes_without_odometry_make_volumes_grow_but_not_without_bound(caplog
         made.observe(stamp=stamp, other=None)
         radii.append(made.belief.best.radius)
     assert radii[0] < radii[1] < radii[2] == pytest.approx(float(CONFIG.volume.largest))
-    assert "no motion measured" in caplog.text
+    assert caplog.text.count("no motion measured") == 1
+
+
+def test_in_one_silence_a_robot_goes_astray_so_far_and_belief_fades_as_over_that_way():
+    made = sure()
+    made.move(stamp=0.0, step=drive(0.0))
+    before = made.belief.best
+    for stamp in range(1, 601):
+        made.observe(stamp=float(stamp), other=None)
+    after = made.belief.best
+    astray = float(TrackerConfig().astray)
+    grown = np.diag(after.covariance - before.covariance)
+    np.testing.assert_allclose(grown, [astray**2, astray**2, 1.0])
+    faded = (1.0 - float(CONFIG.leak)) ** astray
+    assert after.probability / before.probability == pytest.approx(faded)
+    # The next silence begins anew.
+    made.move(stamp=600.0, step=drive(0.0))
+    made.observe(stamp=604.0, other=None)
+    assert made.belief.best.covariance[0, 0] > after.covariance[0, 0]
+
+
+def test_a_gyro_that_goes_on_does_not_hide_that_wheels_fell_silent():
+    made = sure(tracking=[WheelOdometry(), Gyro()])
+    for stamp in (0.0, 1.0):
+        made.move(stamp=stamp, odometry=[0.0, 0.0, 0.0], gyro=0.0)
+    radius = made.belief.best.radius
+    for stamp in range(2, 60):
+        made.move(stamp=float(stamp), gyro=0.0)
+        made.observe(stamp=float(stamp), other=None)
+    assert made.belief.best.radius > 3 * radius
 
 
 def test_readings_that_no_source_takes_are_no_error():
@@ -533,6 +639,24 @@ def test_a_saved_and_restored_tracker_goes_on_the_same_to_the_bit():
     drive_on(restored, 20, 20)
     assert len(whole.hypotheses) > 2
     assert json.dumps(restored.state()) == json.dumps(whole.state())
+
+
+def test_a_state_is_plain_numbers_whatever_sources_answer():
+    made = tracker()
+    estimate = at(np.int64(1), probability=np.float32(0.9))
+    made.observe(estimates=[estimate])
+    made.observe(verdict=approve(np.float32(0.9)))
+    assert json.loads(json.dumps(made.state()))["belief"]["hypotheses"][0]["node"] == 1
+
+
+def test_a_state_of_a_world_with_other_nodes_is_refused_and_changes_nothing():
+    made = tracker(corridor(nodes=9))
+    made.observe(estimates=[at(8)])
+    small = sure()
+    before = small.belief
+    with pytest.raises(ValueError, match="node 8"):
+        small.restore(made.state())
+    assert small.belief is before
 
 
 def test_a_state_of_other_sources_is_refused():
@@ -599,6 +723,16 @@ def test_an_estimate_in_a_volume_moves_the_centre_though_others_are_as_probable(
 def test_by_default_iterative_dual_correspondence_validates():
     made = HypothesisTracker(corridor())
     assert [type(source) for source in made.validation] == [IdcSource]
+
+
+def test_at_rest_estimates_of_other_places_take_from_the_rest_alone():
+    made = tracker(corridor(nodes=12))
+    made.observe(estimates=[at(0, probability=0.9)])
+    before = only(made).probability
+    for node in range(2, 12):
+        made.observe(estimates=[at(node, probability=0.5)])
+    assert made.hypotheses[0].probability == pytest.approx(before)
+    assert total(made.belief) == pytest.approx(1.0)
 
 
 def test_at_rest_an_estimate_of_another_place_begins_with_less_than_after_a_way():

@@ -119,6 +119,13 @@ def test_one_scan_is_a_map_of_one_node():
     assert len(world.appearances) == 1
 
 
+def test_progress_is_told_of_every_scan_twice():
+    log, _ = drive(seed=3, way=24.0)
+    told: list[int] = []
+    build_map(log[:24], progress=told.append)
+    assert sum(told) == 2 * 24
+
+
 def test_where_a_process_allows_64_bits_the_map_is_the_same(wide):
     log, _ = drive(seed=3, way=24.0)
     narrow = build_map(log[:24])

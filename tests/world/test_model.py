@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from aprjax.plane import compose, inverse
+from aprjax.references import ReferenceSet
 from aprjax.world.model import WorldModel
 from aprjax.world.parts import Appearance, Arc, ArcEnd, Place, WorldModelError
 from aprjax.world.super_space import between
@@ -11,6 +12,13 @@ EXACT = np.zeros((3, 3))
 
 def place(node, *T):
     return Place(node, np.array(T or (0, 0, 0), float))
+
+
+def restored(world, ids, next_reference, like=2):
+    """Restore references at node 3 with the scan of another one."""
+    count = len(ids)
+    scan, seen = world.reference_scans[like], Appearance(place(3))
+    world.restore_references(ids, [scan] * count, [seen] * count, next_reference)
 
 
 def test_an_arc_is_the_inverse_when_seen_from_its_other_end(square):
@@ -110,7 +118,9 @@ def test_splitting_and_merging_again_gives_the_same_map(square):
     [
         (lambda w: w.add_node(node=2), "node 2: there is one already"),
         (lambda w: w.add_node(node=2**31), "node 2147483648: ids are at most"),
+        (lambda w: w.add_node(node=1.5), "node 1.5: ids are whole numbers"),
         (lambda w: w.add_node(-3), "node 5: there is no scan -3"),
+        (lambda w: w.add_node(2.5), "node 5: there is no scan 2.5"),
         (lambda w: w.add_arc(Arc(0, 9, np.zeros(3), EXACT, "driven")), "no node 9"),
         (lambda w: w.add_arc(Arc(0, 1, np.zeros(3), EXACT, "driven")), "between 0 and 1 already"),
         (lambda w: w.add_arc(Arc(0, 0, np.zeros(3), EXACT, "driven")), "starts where it ends"),
@@ -125,6 +135,8 @@ def test_splitting_and_merging_again_gives_the_same_map(square):
         (lambda w: w.merge_nodes(0, 2), "none between 0 and 2"),
         (lambda w: w.split_node(9, np.zeros(3), EXACT), "no node 9"),
         (lambda w: w.split_node(0, np.zeros(3), EXACT, [2]), "none between 0 and 2"),
+        (lambda w: w.split_node(0, np.zeros(3), EXACT, [1, 2]), "none between 0 and 2"),
+        (lambda w: w.split_node(0, np.array([-1e7, 0, 0]), EXACT, [1]), "arc 5-1: .* over 1e.07"),
         (lambda w: w.remove_references([0, 9]), "reference 9: there is none"),
         (lambda w: w.add_references([], [Appearance(place(0, 0, 0, 0))]), "do not fit"),
         (lambda w: w.place_scan(3, place(9, 0, 0, 0)), "scan 3: there is no node 9"),
@@ -132,17 +144,96 @@ def test_splitting_and_merging_again_gives_the_same_map(square):
         (lambda w: w.place_scan(3, place(0, 0, -1e8, 0)), "scan 3: .* has numbers over 1e.07"),
         (lambda w: w.place_scan(-3, place(0, 0, 0, 0)), "scan -3: there is no scan -3"),
         (lambda w: w.restore_references([], [], [], 2**31), "next id 2147483648 is not from 0"),
+        (lambda w: restored(w, [3], 3), "reference 3: the next id is 3"),
+        (lambda w: restored(w, [], 2), "the next id 2 is less than 3"),
+        (lambda w: restored(w, [2], 4), "reference 2: there is one already"),
+        (lambda w: restored(w, [5, 3, 5], 6), "reference 5: there is one already"),
+        (lambda w: restored(w, [-1], 4), "reference -1: ids are not negative"),
+        (lambda w: restored(w, [3.5], 4), "reference 3.5: ids are whole numbers"),
+        (lambda w: w.restore_references([3], [], [], 4), "1 ids, 0 scans and 0 appearances do not"),
+        (lambda w: w.add_image(Appearance(place(0), image_class=1), 0), "image 0: there is one"),
         (lambda w: w.add_image(Appearance(place(0, 0, 0, 0))), "it has no class"),
     ],
 )
 def test_an_edit_that_does_not_fit_is_refused_and_changes_nothing(square, edit, message):
     arcs, nodes = [(arc.a, arc.b) for arc in square.arcs()], square.nodes
+    scans = square.reference_scans
     with pytest.raises(WorldModelError, match=message):
         edit(square)
     square.check()
     assert [(arc.a, arc.b) for arc in square.arcs()] == arcs
     assert square.nodes == nodes
     assert sorted(square.appearances) == [0, 1, 2]
+    assert square.reference_scans == scans
+    assert square.next_reference == 3
+
+
+def test_an_arc_that_is_named_twice_moves_once_when_its_node_is_split(square):
+    new = square.split_node(1, np.array([0.5, 0.0, 0.0]), 1e-6 * np.eye(3), [2, 2])
+    square.check()
+    assert set(square.graph[new]) == {1, 2}
+    assert set(square.graph[1]) == {0, new}
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        lambda w: w.merge_nodes(0, 1),
+        lambda w: w.move_frame(0, 50, EXACT),
+    ],
+)
+def test_an_edit_that_takes_an_arc_too_far_is_refused_and_changes_nothing(square, edit):
+    far = np.array([9e6, 0.0, 0.0])
+    square.replace_arc(Arc(0, 1, far, EXACT, "driven"))
+    square.add_arc(Arc(1, 4, far, EXACT, "driven"))
+    square.replace_arc(Arc(3, 0, far, EXACT, "driven"))
+    square.place_scan(50, Place(0, far))
+    arcs = {(arc.a, arc.b): arc for arc in square.arcs()}
+    with pytest.raises(WorldModelError, match=r"has numbers over 1e\+07"):
+        edit(square)
+    square.check()
+    assert {(arc.a, arc.b): arc for arc in square.arcs()} == arcs
+
+
+def test_a_reference_restored_with_another_scan_is_described_anew(square):
+    described = square.references
+    square.remove_references([1])
+    restored(square, [1], 3, like=0)
+    assert square.references.ids.tolist() == [0, 1, 2]
+    for found, expected in ((0, 0), (1, 0), (2, 2)):
+        np.testing.assert_array_equal(
+            square.references.index.features.anchors.xy[found],
+            described.index.features.anchors.xy[expected],
+        )
+
+
+def test_references_restored_below_others_are_in_order(square):
+    square.remove_references([0, 1])
+    assert square.references.ids.tolist() == [2]
+    restored(square, [0], 3)
+    assert square.references.ids.tolist() == [0, 2]
+    assert square.references.next_id == 3
+
+
+def test_new_references_are_described_together_and_ids_taken_back_are_not_given_again(
+    square, monkeypatch
+):
+    described, add = [], ReferenceSet.add
+
+    def counted(self, scans):
+        described.append(len(scans))
+        return add(self, scans)
+
+    monkeypatch.setattr(ReferenceSet, "add", counted)
+    _ = square.references
+    scan, seen = square.reference_scans[0], Appearance(place(3))
+    square.add_references([scan] * 4, [seen] * 4)
+    assert square.references.ids.tolist() == [0, 1, 2, 3, 4, 5, 6]
+    assert described == [4]
+    square.remove_references(square.add_references([scan], [seen]))
+    assert square.references.ids.tolist() == [0, 1, 2, 3, 4, 5, 6]
+    assert square.references.next_id == square.next_reference == 8
+    assert square.references is square.references
 
 
 def test_a_broken_invariant_is_found(square):

@@ -58,6 +58,14 @@ def test_round_trip_keeps_everything(square, tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {"map", "again"}
 
 
+def test_images_keep_their_numbers(square, tmp_path):
+    square.add_image(Appearance(Place(2, np.zeros(3)), 20, image_class=3), 9)
+    save_map(square, tmp_path / "map")
+    loaded = load_map(tmp_path / "map")
+    same(square, loaded)
+    assert loaded.add_image(Appearance(Place(2, np.zeros(3)), 20, image_class=3)) == 10
+
+
 def test_a_built_map_comes_back(built, tmp_path):
     save_map(built[0], tmp_path / "map")
     same(built[0], load_map(tmp_path / "map"))
@@ -133,6 +141,7 @@ def test_foreign_and_cut_off_files(square, tmp_path):
         ("ranges", lambda a: a[1:], "ranges has shape"),
         ("angle_increment", lambda a: 0 * a, "angle_increment[0] is zero or too large"),
         ("image_classes", lambda a: a[:0], "image_ids has shape (1,), not (0)"),
+        ("image_ids", lambda a: a - 1, "image -1: ids are not negative"),
         ("features", lambda a: np.array("{"), "features is not JSON"),
         ("features", None, "features is missing"),
         (

@@ -1,3 +1,6 @@
+from itertools import pairwise
+
+import networkx as nx
 import numpy as np
 import pytest
 
@@ -169,3 +172,89 @@ def test_where_a_process_allows_64_bits_the_relaxed_frame_is_the_same(square, wi
     narrow = relax(square)
     wide()
     np.testing.assert_equal(relax(square), narrow)
+
+
+SURE = np.diag([1e-4, 1e-4, 1e-5])
+
+
+def tangle(seed: int) -> WorldModel:
+    """A few nodes and arcs at random; nothing fits anything."""
+    rng, world = np.random.default_rng(seed), WorldModel()
+    count = int(rng.integers(5, 9))
+    for _ in range(count):
+        world.add_node()
+    for a in range(count):
+        for b in range(a + 1, count):
+            if rng.random() < 0.45:
+                T = np.array([rng.uniform(1, 10), 0, 0])
+                world.add_arc(Arc(a, b, T, SURE * rng.uniform(0.1, 100), "driven"))
+    return world
+
+
+def test_a_node_within_reach_is_found_though_a_surer_way_there_is_too_long():
+    world = WorldModel()
+    for _ in range(4):
+        world.add_node()
+    for a, b, metres, covariance in ((0, 1, 5, 400 * SURE), (0, 2, 15, SURE), (2, 3, 15, SURE)):
+        world.add_arc(Arc(a, b, np.array([metres, 0.0, 0.0]), covariance, "driven"))
+    world.add_arc(Arc(3, 1, np.array([15.0, 0.0, 0.0]), SURE, "driven"))
+    assert connections(world, 0)[1].path == (0, 2, 3, 1)
+    near = connections(world, 0, 30.0)
+    assert (near[1].path, near[1].length) == ((0, 1), 5.0)
+    np.testing.assert_allclose(near[1].covariance, 400 * SURE)
+    assert near[3].path == (0, 2, 3)
+    assert set(connections(world, 0, 4.9)) == {0}
+
+
+def test_all_nodes_within_reach_are_found_by_ways_within_reach():
+    for seed in range(30):
+        world = tangle(seed)
+        metres = nx.Graph()
+        metres.add_nodes_from(world.nodes)
+        metres.add_weighted_edges_from((arc.a, arc.b, arc.length) for arc in world.arcs())
+        for reach in (3.0, 8.0, 15.0, np.inf):
+            for start in world.nodes:
+                near = nx.single_source_dijkstra_path_length(metres, start, cutoff=reach)
+                found = connections(world, start, reach)
+                assert found.keys() == near.keys()
+                for node, connection in found.items():
+                    T = np.zeros(3)
+                    for a, b in pairwise(connection.path):
+                        T = compose(T, world.arc(a, b).T_a_b)
+                    assert (connection.path[0], connection.path[-1]) == (start, node)
+                    assert connection.length <= reach
+                    np.testing.assert_allclose(connection.T_start_end, T, atol=1e-9)
+
+
+def arcs_of(nodes) -> frozenset:
+    return frozenset(frozenset(ends) for ends in pairwise([*nodes, nodes[0]]))
+
+
+# In the first two, the longest arc between nodes with several others belongs to a cycle.
+@pytest.mark.parametrize("seed", [187, 242, *range(20)])
+@pytest.mark.parametrize("mixed", [False, True])
+def test_cycles_are_those_of_networkx_however_torn_the_map_is(seed, mixed, monkeypatch):
+    world = tangle(seed)
+    lengths = nx.Graph()
+    lengths.add_weighted_edges_from((arc.a, arc.b, arc.length) for arc in world.arcs())
+    expected = nx.minimum_cycle_basis(lengths, weight="weight")
+    if mixed:  # networkx promises no order of a cycle's nodes
+        shuffled = [list(np.random.default_rng(0).permutation(nodes)) for nodes in expected]
+        monkeypatch.setattr(nx, "minimum_cycle_basis", lambda *_, **__: shuffled)
+    found = cycles(world)
+    for cycle in found:
+        assert cycle.nodes[0] == min(cycle.nodes)
+        assert cycle.nodes[1] < cycle.nodes[-1]
+        assert cycle.length == pytest.approx(
+            sum(world.arc(a, b).length for a, b in pairwise([*cycle.nodes, cycle.nodes[0]]))
+        )
+    if mixed:
+        assert {frozenset(cycle.nodes) for cycle in found} == set(map(frozenset, expected))
+    else:
+        assert {arcs_of(cycle.nodes) for cycle in found} == set(map(arcs_of, expected))
+
+
+def test_a_model_without_nodes_has_no_frame():
+    for frame in (assemble, relax):
+        with pytest.raises(WorldModelError, match="world: there is no node"):
+            frame(WorldModel())
