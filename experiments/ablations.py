@@ -45,7 +45,7 @@ from aprjax.metrics import best_answers
 from aprjax.references import ReferenceIndex
 from aprjax.se2 import Pose, inverse
 from aprjax.sweeping.axes import configured
-from experiments.data import Split, read_split
+from experiments.data import FOUR, Split, read_split
 from experiments.outputs import (
     BLUE,
     DARK,
@@ -56,7 +56,6 @@ from experiments.outputs import (
     write_table,
 )
 
-SPLITS = ("freiburg-079.revisit", "fhw.revisit", "aces.interleaved", "belgioioso.interleaved")
 FALSE = 0.002
 BETTER_OVERVIEW, ONE, BOTH = range(3)  # whose beams count
 
@@ -215,7 +214,7 @@ def main() -> int:
     parser.add_argument("--stride", type=int, default=2, help="every which query (default: 2)")
     parser.add_argument("--quick", action="store_true", help="one split, every eighth query")
     arguments = parser.parse_args()
-    names = arguments.splits or (SPLITS[1:2] if arguments.quick else SPLITS)
+    names = arguments.splits or (FOUR[1:2] if arguments.quick else FOUR)
     stride = 8 if arguments.quick else arguments.stride
     variants = {
         name: variant

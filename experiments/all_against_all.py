@@ -31,12 +31,20 @@ import aprjax
 from aprjax.metrics import deviations, world_poses
 from aprjax.shortlist import ShortlistConfig
 from experiments.data import data_root
-from experiments.outputs import print_table, write_configuration, write_figure, write_table
+from experiments.outputs import (
+    BLUE,
+    DARK,
+    RED,
+    print_table,
+    write_configuration,
+    write_figure,
+    write_table,
+)
 
 RIGHT_DISTANCE, RIGHT_ANGLE = 0.5, 0.2  # metres and radians
 KEPT = ShortlistConfig().kept
 PIECE = 512  # queries between two lines of progress
-CHOICES = {"oracle": "#333333", "anchors": "#1f5fa8", "quality": "#c1272d"}
+CHOICES = {"oracle": DARK, "anchors": BLUE, "quality": RED}
 
 
 def read_graph(path: Path, stride: int = 1) -> tuple[aprjax.Scan, np.ndarray]:

@@ -22,12 +22,19 @@ import aprjax
 from aprjax.evaluation.probability import ProbabilityConfig
 from aprjax.metrics import is_right, world_poses
 from aprjax.sim.lab import lab
-from experiments.outputs import print_table, write_configuration, write_figure, write_table
+from experiments.outputs import (
+    BLUE,
+    RED,
+    print_table,
+    write_configuration,
+    write_figure,
+    write_table,
+)
 
 SEEDS = range(10, 16)
 STRANGE = 0.25  # share of scans that no reference shows
 BINS = 12
-COLOURS = {"fitted": "#1f5fa8", "package": "#c1272d"}
+COLOURS = {"fitted": BLUE, "package": RED}
 
 
 @dataclass(frozen=True)

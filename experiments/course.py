@@ -55,7 +55,14 @@ from experiments.building import (
     poses_along,
     recorded,
 )
-from experiments.outputs import print_table, write_configuration, write_figure, write_table
+from experiments.outputs import (
+    BLUE,
+    RED,
+    print_table,
+    write_configuration,
+    write_figure,
+    write_table,
+)
 
 BUILDINGS, REFERENCES = 5, 53
 MAPPING_STEP, STEP = 0.3, 0.28  # metres between scans; the paper's cycles are as far apart
@@ -229,9 +236,9 @@ def draw_course(told: Course, found: dict[str, list[Belief]]) -> Figure:
         gap, turn = deviations(strongest(told, beliefs), truth)
         wrong = ~((gap < RIGHT) & (turn < TURNED)) & (best > 0)
         ax.fill_between(way, 0, 1, where=blank, color="#e6e2d8", lw=0, label="nothing to match")
-        ax.plot(way, best, color="#1f5fa8", lw=1.2, label="$\\lambda_b$, the strongest")
+        ax.plot(way, best, color=BLUE, lw=1.2, label="$\\lambda_b$, the strongest")
         ax.plot(way, [b.rest for b in beliefs], color="#999999", lw=1.0, label="$\\lambda_0$, rest")
-        ax.plot(way[wrong], best[wrong], ".", color="#c1272d", ms=4, label="not the right one")
+        ax.plot(way[wrong], best[wrong], ".", color=RED, ms=4, label="not the right one")
         ax.set_title(name, fontsize=10, loc="left")
         ax.set_ylim(0, 1.02)
         ax.set_xlim(0, way[-1])

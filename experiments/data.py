@@ -23,6 +23,9 @@ import numpy as np
 
 import aprjax
 
+FOUR = ("freiburg-079.revisit", "fhw.revisit", "aces.interleaved", "belgioioso.interleaved")
+"""Splits of four buildings, for experiments that are too long for all."""
+
 
 @dataclass(frozen=True)
 class Split:

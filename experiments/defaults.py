@@ -28,7 +28,7 @@ from matplotlib.figure import Figure
 import aprjax
 from aprjax.configuration import from_dict, to_dict
 from aprjax.metrics import score_matches
-from experiments.data import Split, read_split
+from experiments.data import FOUR, Split, read_split
 from experiments.outputs import (
     DARK,
     grouped_bars,
@@ -38,7 +38,6 @@ from experiments.outputs import (
     write_table,
 )
 
-SPLITS = ("freiburg-079.revisit", "fhw.revisit", "aces.interleaved", "belgioioso.interleaved")
 FACTORS = {"halved": 0.5, "doubled": 2.0}
 FIGURES = ("top1", "hits", "error_m")
 DRAWN = 16  # settings
@@ -164,9 +163,9 @@ def main() -> int:
     arguments = parser.parse_args()
     if arguments.stride < 1:
         parser.error(f"--stride: {arguments.stride} is not a positive number")
-    splits = [read_split(name, arguments.stride) for name in SPLITS]
+    splits = [read_split(name, arguments.stride) for name in FOUR]
     arguments.out.mkdir(parents=True, exist_ok=True)
-    write_configuration(arguments.out, splits=SPLITS, every=arguments.stride)
+    write_configuration(arguments.out, splits=FOUR, every=arguments.stride)
 
     config = {"features": to_dict(aprjax.FeatureConfig()), "match": to_dict(aprjax.MatchConfig())}
     everything = list(settings(config))

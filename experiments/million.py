@@ -44,7 +44,14 @@ from aprjax.sim.floor_plan import FloorPlan, office
 from aprjax.sim.ray_casting import cast
 from aprjax.sim.routes import point_in
 from aprjax.sim.world import World
-from experiments.outputs import print_table, write_configuration, write_figure, write_table
+from experiments.outputs import (
+    BLUE,
+    RED,
+    print_table,
+    write_configuration,
+    write_figure,
+    write_table,
+)
 
 EACH = 100  # references of a floor
 ASKED = 20  # queries of a floor, as long as there are to be more
@@ -55,7 +62,7 @@ COUNTED = 100_000  # references up to which q_m is measured: there it finds few 
 OFF_DISTANCE, OFF_ANGLE = 1.0, np.radians(30)  # of a query from a reference
 CLUTTER, REARRANGED, NOISE = 0.3, 0.25, 0.01
 BEARINGS = np.radians(np.arange(181.0) - 90).astype(np.float32)
-COLOURS = {"q_m": "#1f5fa8", "signature": "#c1272d"}
+COLOURS = {"q_m": BLUE, "signature": RED}
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ import aprjax
 from aprjax.atomic import atomic_write
 from aprjax.configuration import to_dict
 
-BLUE, LIGHT, DARK = "#1f5fa8", "#9db8d6", "#333333"
+BLUE, LIGHT, DARK, RED = "#1f5fa8", "#9db8d6", "#333333", "#c1272d"
 
 
 def write_table(rows: list[dict], path: Path) -> None:

@@ -19,10 +19,17 @@ from matplotlib.figure import Figure
 import aprjax
 from aprjax.metrics import is_right, world_poses
 from aprjax.sim.lab import lab
-from experiments.outputs import BLUE, print_table, write_configuration, write_figure, write_table
+from experiments.outputs import (
+    BLUE,
+    RED,
+    print_table,
+    write_configuration,
+    write_figure,
+    write_table,
+)
 
 REGION = 7.815  # the 95 % quantile of chi-square with three degrees of freedom
-EXPECTED = "#c1272d"
+EXPECTED = RED
 
 
 def errors(seed: int, queries: int) -> tuple[np.ndarray, np.ndarray]:

@@ -38,7 +38,14 @@ from aprjax.references import ReferenceIndex
 from aprjax.relations.graph import AnchorGraph
 from aprjax.relations.histograms import count_correspondences, preselection_quality
 from experiments.data import Split, read_split
-from experiments.outputs import print_table, write_configuration, write_figure, write_table
+from experiments.outputs import (
+    BLUE,
+    RED,
+    print_table,
+    write_configuration,
+    write_figure,
+    write_table,
+)
 
 SPLITS = (
     "freiburg-079.revisit",
@@ -49,7 +56,7 @@ SPLITS = (
 )
 SIZES = (10, 20, 40, 80)
 FIRST = (1, 5, 10, 20)
-MEASURES = {"c_m": "#c1272d", "q_m": "#1f5fa8", "votes": "#2a8a3e", "signature": "#8a5a00"}
+MEASURES = {"c_m": RED, "q_m": BLUE, "votes": "#2a8a3e", "signature": "#8a5a00"}
 SEED = 0
 
 

@@ -28,11 +28,19 @@ from aprjax.anchors.extract import ExtractionConfig
 from benchmarks.stages import stages
 from benchmarks.timing import timed
 from experiments.data import Split, read_split
-from experiments.outputs import print_table, write_configuration, write_figure, write_table
+from experiments.outputs import (
+    BLUE,
+    LIGHT,
+    RED,
+    print_table,
+    write_configuration,
+    write_figure,
+    write_table,
+)
 
 REFERENCES, ANCHORS, BEAMS = (15, 30, 60, 120, 225), (8, 12, 16, 24, 32), (60, 90, 180, 360)
 FIXED = 60  # references, where something else varies
-COLOURS = ("#1f5fa8", "#9db8d6", "#c1272d", "#e0903a", "#8a5a00", "#2a8a3e", "#7a3e9d", "#8a8a8a")
+COLOURS = (BLUE, LIGHT, RED, "#e0903a", "#8a5a00", "#2a8a3e", "#7a3e9d", "#8a8a8a")
 
 
 def some(scans: aprjax.Scan, count: int, every: int = 1) -> aprjax.Scan:

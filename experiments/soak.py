@@ -36,7 +36,15 @@ from aprjax.tracking.sources import Estimate, Remembers, Verdict
 from aprjax.tracking.tracker import HypothesisTracker
 from aprjax.world.model import WorldModel
 from aprjax.world.parts import Appearance, Arc, Place
-from experiments.outputs import print_table, write_configuration, write_figure, write_table
+from experiments.outputs import (
+    BLUE,
+    DARK,
+    RED,
+    print_table,
+    write_configuration,
+    write_figure,
+    write_table,
+)
 
 NODES, SPACING = 24, 4.0  # metres along the ring
 LAP, CORNER = NODES * SPACING, 2 * math.pi / NODES
@@ -302,17 +310,17 @@ def draw(rows: list[Row]) -> Figure:
     def curve(ax, name: str, label: str, colour: str) -> None:
         ax.plot(hours, [getattr(row, name) for row in rows], color=colour, lw=1.2, label=label)
 
-    curve(axes[0], "memory_mib", "memory of the process", "#333333")
+    curve(axes[0], "memory_mib", "memory of the process", DARK)
     axes[0].set_ylabel("MiB")
-    curve(axes[1], "step_ms", "median", "#1f5fa8")
+    curve(axes[1], "step_ms", "median", BLUE)
     curve(axes[1], "step_ms_99", "99 of 100 steps are shorter", "#e0b070")
     axes[1].set_ylabel("step / ms")
-    axes[2].plot(hours, [max(row.sum_error, 1e-18) for row in rows], color="#333333", lw=1.2)
-    axes[2].axhline(LEAST_SUM_ERROR, color="#c1272d", lw=0.8, ls="--", label="allowed")
+    axes[2].plot(hours, [max(row.sum_error, 1e-18) for row in rows], color=DARK, lw=1.2)
+    axes[2].axhline(LEAST_SUM_ERROR, color=RED, lw=0.8, ls="--", label="allowed")
     axes[2].set_yscale("log")
     axes[2].set_ylabel("largest |Σλ - 1|")
     curve(axes[3], "right", "sure and right", "#2a8a3e")
-    curve(axes[3], "wrong", "sure and wrong", "#c1272d")
+    curve(axes[3], "wrong", "sure and wrong", RED)
     axes[3].set_ylabel("share of the steps")
     axes[3].set_xlabel("simulated hours")
     axes[0].set_ylim(0, 1.15 * max(row.memory_mib for row in rows))

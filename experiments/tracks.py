@@ -43,7 +43,15 @@ from aprjax.tracking.replay import matched
 from aprjax.tracking.table import hypothesis_rows
 from aprjax.tracking.validation import IdcSource
 from experiments.data import data_root, track_folder
-from experiments.outputs import print_table, write_configuration, write_figure, write_table
+from experiments.outputs import (
+    BLUE,
+    DARK,
+    RED,
+    print_table,
+    write_configuration,
+    write_figure,
+    write_table,
+)
 
 CITED = {
     "fhw.revisit": (0.99, 0.026, ""),
@@ -253,18 +261,18 @@ def draw(tracks: dict[str, tuple[Track, list[HypothesisRow]]]) -> Figure:
         poses, probability = strongest(truth, table)
         gap = np.clip(deviations(poses, truth.T_world_laser)[0], 0.01, 100.0)
         way = np.cumsum(truth.steps)
-        ax.semilogy(way, gap, ".", color="#c1272d", ms=3, label="error of the strongest / m")
-        ax.axhline(0.5, color="#c1272d", lw=0.6, ls="--")
+        ax.semilogy(way, gap, ".", color=RED, ms=3, label="error of the strongest / m")
+        ax.axhline(0.5, color=RED, lw=0.6, ls="--")
         ax.fill_between(
             way, 0, 1, where=~truth.mapped, color="#e6e2d8", lw=0,
             transform=ax.get_xaxis_transform(), label="not mapped",
         )  # fmt: skip
         for start in truth.starts[1:]:
-            ax.axvline(way[start], color="#333333", lw=0.8)
+            ax.axvline(way[start], color=DARK, lw=0.8)
         beside = ax.twinx()
-        beside.plot(way, probability, color="#1f5fa8", lw=0.9)
+        beside.plot(way, probability, color=BLUE, lw=0.9)
         beside.set_ylim(0, 1.02)
-        beside.set_ylabel("$\\lambda_b$", color="#1f5fa8")
+        beside.set_ylabel("$\\lambda_b$", color=BLUE)
         ax.set_title(name, fontsize=10, loc="left")
         ax.set_xlim(0, way[-1])
         ax.set_ylim(0.01, 100)

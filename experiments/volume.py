@@ -47,7 +47,7 @@ from aprjax.tracking.tracker import TrackerConfig
 from aprjax.world.super_space import assemble
 from experiments.building import entries_of, parsed
 from experiments.course import driven, survey
-from experiments.outputs import print_table, write_configuration, write_figure, write_table
+from experiments.outputs import BLUE, print_table, write_configuration, write_figure, write_table
 
 BUILDINGS = 3
 CYCLES = 320  # of the course, with --quick
@@ -57,7 +57,7 @@ LONG = 2.0  # metres without a confirmation
 NEAR = 1.0  # metres: a centre outside whose volume the truth lies, but at the same place
 AROUND = 8  # cycles shown before and after
 LETTERS, LARGEST = "abcd", "c"
-VOLUME, TRUTH = "#1f5fa8", "#000000"
+VOLUME, TRUTH = BLUE, "#000000"
 
 
 @dataclass(frozen=True)

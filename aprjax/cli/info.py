@@ -208,9 +208,9 @@ def _grid_facts(path: Path) -> dict[str, Any]:
 
 
 def _map_facts(path: Path) -> dict[str, Any]:
-    """All but the list of torn cycles, which `aprjax map info` spells out."""
+    """All but the list of cycles, which `aprjax map info` spells out."""
     facts = map_facts(open_map(path))
-    facts.pop("worst_cycles")
+    facts.pop("cycle_residuals")
     return {"kind": "map file", "version": MAP_VERSION, **facts}
 
 

@@ -167,7 +167,7 @@ def _info(arguments: argparse.Namespace) -> None:
     if arguments.json:
         print(json.dumps(facts, indent=2))
         return
-    listed = facts.pop("worst_cycles")
+    listed = facts.pop("cycle_residuals")
     for key, value in facts.items():
         print(f"{key.replace('_', ' ')}: {value}")
     if len(listed) > _LISTED:
@@ -209,7 +209,7 @@ def map_facts(world: WorldModel) -> dict[str, Any]:
         "cycles_torn": sum(cycle.torn for cycle in found),
         "worst_arc_assembled_m": _worst(assembled),
         "worst_arc_relaxed_m": _worst(relaxed),
-        "worst_cycles": [_cycle_facts(cycle, left) for cycle in found],
+        "cycle_residuals": [_cycle_facts(cycle, left) for cycle in found],
     }
 
 

@@ -118,7 +118,7 @@ def test_every_cycle_of_every_part_is_told_before_and_after_relaxation(command, 
         world.add_arc(Arc(c, a, corner + np.array([0.1 * part, 0, 0]), SURE, "closed"))
     save_map(world, tmp_path / "parts.map")
     facts = json.loads(command("map", "info", tmp_path / "parts.map", "--json")[1])
-    listed = facts["worst_cycles"]
+    listed = facts["cycle_residuals"]
     assert facts["cycles"] == len(listed) == count
     np.testing.assert_allclose([cycle["gap_m"] for cycle in listed], np.arange(count)[::-1] / 10)
     for cycle in listed:

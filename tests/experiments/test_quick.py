@@ -101,6 +101,40 @@ EXPECTED = {
         ("configuration.json", "signature.png", "discriminant.npz"),
         (Within("signature.csv", "ratio", 3.0, 5.0, (("axis", "0"),)),),
     ),
+    "pose_error": Expected(
+        ("configuration.json", "pose_error.png"),
+        (
+            Within("pose_error.csv", "median_m", 0.0, 0.01, (("lab", "all"),)),
+            Within("pose_error.csv", "median_deg", 0.0, 0.1, (("lab", "all"),)),
+            Within("pose_error.csv", "inside_95", 0.9, 1.0, (("lab", "all"),)),
+        ),
+    ),
+    "office": Expected(
+        ("configuration.json", "office-0.png"),
+        (
+            Within("office.csv", "cycles", 1, 1),
+            Within("office.csv", "false_arcs", 0, 0),
+            Within("office.csv", "recognized", 0.95, 1.0),
+            Within("office.csv", "arc_m", 0.0, 0.02),
+            Within("office.csv", "rms_m", 0.0, 0.1),
+        ),
+    ),
+    "volume": Expected(
+        ("configuration.json", "volume.png", "claims.png", "hypotheses.csv"),
+        (
+            Within("volume.csv", "inside", 0.9, 1.0),
+            Within("volume.csv", "confirmed_off_m", 0.0, 0.05),
+            Within("volume.csv", "confirmed_radius_m", 0.4, 0.7),
+            Within("volume.csv", "long_radius_m", 1.5, 4.0),
+        ),
+    ),
+    "course": Expected(
+        ("configuration.json", "course.png", "cycles.png"),
+        (
+            Within("course.csv", "strongest_is_right", 0.97, 1.0),
+            Within("course.csv", "committed_wrong", 0.0, 0.01),
+        ),
+    ),
     "soak": Expected(
         ("configuration.json", "soak.png"),
         (
