@@ -32,11 +32,15 @@ def checked_step(step: Step) -> Step:
     ):
         raise ValueError(f"no sound step: {step}")
     covariance = np.where(both, covariance, np.diag(np.where(known, 0.0, np.inf)))
-    return Step(_numbers(step.T_before_now, "step"), covariance, float(step.doubt))
+    T = np.where(known, np.array(step.T_before_now, float), 0.0)
+    return Step(_numbers(T, "step"), covariance, float(step.doubt))
 
 
 def checked_estimates(found: Sequence[Estimate], world: WorldModel) -> list[Estimate]:
-    """The estimates that can be true, in plain numbers; others are logged and left out."""
+    """The estimates that can be true, in plain numbers; others are logged and left out.
+
+    Raises for what is no estimate at all.
+    """
     known = []
     for estimate in found:
         try:

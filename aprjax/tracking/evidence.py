@@ -156,16 +156,14 @@ def located(
             updated[-1] = _confirmed(updated[-1], estimates[best], config)
 
     total = sum(h.probability for h in updated) + belief.rest
-    born = belief.born
-    for number, estimate in enumerate(estimates):
-        if number not in explained:
-            ratio = reward(shares[number], config) ** weight
-            new = _created(born, estimate, ratio, belief.rest, total, config)
-            updated.append(new)
-            born += 1
+    new = [number for number in range(len(estimates)) if number not in explained]
     # What lies in the new volumes is no longer anywhere else.
-    left = max(1.0 - float(config.share) * (born - belief.born), 0.0)
-    return settled(updated, left * belief.rest, born, near, config)
+    part = belief.rest * min(float(config.share), 1.0 / max(len(new), 1))
+    for born, number in enumerate(new, belief.born):
+        ratio = reward(shares[number], config) ** weight
+        updated.append(_created(born, estimates[number], part * ratio, total, config))
+    left = belief.rest - part * len(new)
+    return settled(updated, left, belief.born + len(new), near, config)
 
 
 def judged(
@@ -250,13 +248,12 @@ def _recentred(
 def _created(
     number: int,
     estimate: Estimate,
-    ratio: float,
-    rest: float,
+    weighed: float,
     total: float,
     config: EvidenceConfig,
 ) -> Hypothesis:
-    """A new hypothesis, with what a likelihood ratio makes of its part of the `rest`."""
-    probability = min(rest * float(config.share) * ratio, float(config.initial) * total)
+    """A new hypothesis, with its part of the rest as its likelihood ratio has `weighed` it."""
+    probability = min(weighed, float(config.initial) * total)
     covariance = config.volume.reset(estimate.covariance)
     radius, angle = config.volume.size(covariance)
     return Hypothesis(

@@ -78,39 +78,51 @@ class Motion:
         self,
         sources: Iterable[TrackingSource],
         readings: Mapping[str, Any],
-        ask: Callable[[TrackingSource, Any, Step | None], Step | None],
+        ask: Callable[[TrackingSource, Any, Step | None], tuple[bool, Step | None]],
     ) -> Step | None:
         """What to carry hypotheses on by; None if nothing was measured.
 
-        `ask` gives a source's step since its last reading, if it has one. Numbers that are not
-        measured now have the deviation `unmeasured`, but none if sources have measured them
-        before: these will tell.
+        `ask` gives whether a source took its reading, and its step since the last one, if it has
+        one. Numbers that are not measured now have the deviation `unmeasured`, but none if sources
+        have measured them before: these will tell.
         """
         asked = [source for source in sources if source.reads in readings]
+        read: set[str] = set()
+        doubts: list[Step] = []
+
+        def told(source: TrackingSource, expected: Step | None) -> list[Step]:
+            taken, step = ask(source, readings[source.reads], expected)
+            if taken:
+                read.add(source.reads)
+            if step is None:
+                return []
+            doubts.append(Step.unmeasured(step.doubt))
+            return [replace(step, doubt=0.0)] if step.known.any() else []
+
         on_time = [source for source in asked if not self._of(source).moved]
-        late = [source for source in asked if self._of(source).moved]
         steps: list[Step] = []
-        for source in on_time:
-            lost = not self._of(source).step.known.any()
-            expected = self._expected(fuse(steps)) if steps and not lost else None
-            step = ask(source, readings[source.reads], expected)
-            if step is not None:
-                steps.append(Step.unmeasured(step.doubt) if lost else step)
-        told = fuse(steps)
-        doubts = [Step.unmeasured(told.doubt)]
-        new = now = replace(told, doubt=0.0) if told.known.any() else None
-        for source in late:
-            since = self._of(source).step
-            # Without anything new, this reading is taken for one of the same moment as the last.
-            still = Step(np.zeros(3), _masked(_EXACT, since.known))
-            whole = _follow(since, still if now is None else now)
-            step = ask(source, readings[source.reads], self._expected(whole))
-            if step is not None:
-                doubts.append(Step.unmeasured(step.doubt))
-                if since.known.any():
-                    better = _remaining(fuse([whole, replace(step, doubt=0.0)]), since)
-                    now = _corrected(still if now is None else now, better)
-        self._remember({source.reads for source in asked}, new, now)
+        gap = False
+        for source in sorted(on_time, key=lambda source: self._of(source).lost):
+            lost = self._of(source).lost
+            step = told(source, self._expected(fuse(steps)) if steps and not lost else None)
+            # Who is lost tells of more than others saw, and is heard where nobody else measured.
+            if step and not (lost and steps):
+                steps += step
+                gap = lost
+        new = now = fuse(steps) if steps else None
+        late = [source for source in asked if self._of(source).moved]
+        for name in dict.fromkeys(source.reads for source in late):
+            behind = self._behind[name]
+            whole = [behind.step if now is None else _since(behind, new, now)]
+            for source in late:
+                if source.reads == name:
+                    whole += told(source, None if behind.lost else self._expected(fuse(whole)))
+            if len(whole) > 1 and not behind.lost:
+                # Without anything new, this reading is of the same moment as the last one.
+                still = Step(np.zeros(3), _masked(_EXACT, behind.step.known))
+                better = _remaining(fuse(whole), behind.step)
+                now = _corrected(still if now is None else now, better)
+        self._remember(read, new, now, gap)
         total = fuse(doubts if now is None else [now, *doubts])
         if now is None and total.doubt == 0.0:
             return None
@@ -126,6 +138,7 @@ class Motion:
                 "covariance": np.where(each.step.known, each.step.covariance, 0.0).tolist(),
                 "known": each.step.known.tolist(),
                 "moved": each.moved,
+                "lost": each.lost,
             }
             for name, each in self._behind.items()
         }
@@ -141,6 +154,7 @@ class Motion:
                     _masked(np.array(each["covariance"], float), np.array(each["known"], bool)),
                 ),
                 each["moved"],
+                each["lost"],
             )
             for name, each in state["behind"].items()
         }
@@ -152,17 +166,24 @@ class Motion:
         """What a source is told of the step that it measures."""
         return filled(step, np.full(3, self._unmeasured**2)) if step.known.any() else None
 
-    def _remember(self, read: set[str], new: Step | None, now: Step | None) -> None:
-        """What others are behind with, now that these have been `read`."""
+    def _remember(self, read: set[str], new: Step | None, now: Step | None, gap: bool) -> None:
+        """What others are behind with, now that these have been `read`.
+
+        With a `gap`, the new motion began before their last readings: how much of it is theirs
+        nobody knows.
+        """
         others = self._behind.keys() - read
         for name in others:
             before = self._behind[name]
-            self._behind[name] = _Behind(_since(before, new, now), before.moved or new is not None)
+            since = _since(before, new, now)
+            if gap:
+                since = Step(since.T_before_now, Step.unmeasured().covariance)
+            self._behind[name] = _Behind(since, before.moved or new is not None, before.lost)
         for name in read:
             before = self._behind.get(name)
             # Time has passed of which others will tell, with what was before this reading.
             lost = now is None and before is not None and not before.moved and bool(others)
-            self._behind[name] = _Behind(Step.unmeasured() if lost else _STILL)
+            self._behind[name] = _Behind(lost=lost)
 
 
 _STILL = Step(np.zeros(3), _EXACT)
@@ -170,16 +191,18 @@ _STILL = Step(np.zeros(3), _EXACT)
 
 @dataclass(frozen=True, eq=False)
 class _Behind:
-    """What hypotheses were carried on by since the last reading of a name."""
+    """Where a name of readings stands behind what hypotheses were carried on by."""
 
     step: Step = _STILL
-    """Nothing of it is measured where the motion before and after the reading is not told apart."""
+    """What they were carried on by since its last reading."""
     moved: bool = False
     """Whether they were carried on at all."""
+    lost: bool = False
+    """Whether others will tell of motion that began before its last reading."""
 
 
 def _since(behind: _Behind, new: Step | None, now: Step | None) -> Step:
-    """What those who did not read now are behind with.
+    """What a name that is `behind` has missed, with this call.
 
     That is the `new` motion. Of what slower sources say `now`, only numbers count that the motion
     before has lacked: the rest corrects what was, and is no motion.

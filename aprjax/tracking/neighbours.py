@@ -23,11 +23,11 @@ class Neighbours:
         self._world, self._reach = world, reach
         self._known: dict[tuple[int, float], dict[int, Connection]] = {}
 
-    def of(self, place: Place) -> dict[int, Connection]:
-        """The nodes within reach of a place, along the least uncertain arcs from its own node."""
-        key = place.node, self.beyond(place)
+    def of(self, node: int, beyond: float = 0.0) -> dict[int, Connection]:
+        """The nodes within reach and `beyond`, along the least uncertain arcs."""
+        key = node, beyond
         if key not in self._known:
-            self._known[key] = connections(self._world, place.node, self._reach + key[1])
+            self._known[key] = connections(self._world, node, self._reach + beyond)
         return self._known[key]
 
     def beyond(self, place: Place) -> float:
@@ -46,7 +46,8 @@ class Neighbours:
         """
         if one.node == other.node:
             return relative(one.T_node_laser, other.T_node_laser), 0.0, 0.0
-        link = self.of(one).get(other.node)
+        beyond = max(self.beyond(one), self.beyond(other))
+        link = self.of(one.node, beyond).get(other.node)
         if link is None:
             return None
         T = compose(link.T_start_end, other.T_node_laser)
@@ -88,7 +89,7 @@ class Surroundings:
         """Numbers `(n,)` of the things within reach, ascending, and `T_thing_place` `(n, 3)`."""
         key = place.node, self._near.beyond(place)
         if key not in self._known:
-            links = self._near.of(place)
+            links = self._near.of(*key)
             around = [other for other in links if other in self._numbers]
             numbers = [number for other in around for number in self._numbers[other]]
             poses = [

@@ -1,5 +1,6 @@
 """Tracking sources: wheel odometry with a motion model, and a gyroscope that knows the heading."""
 
+import logging
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,6 +11,8 @@ from jaxtyping import Array, Float
 from aprjax.configuration import threshold
 from aprjax.plane import compose, compose_covariance, distance, inverse, relative, wrap
 from aprjax.tracking.hypothesis import Step
+
+_log = logging.getLogger(__name__)
 
 _EXACT = np.zeros((3, 3))
 
@@ -57,7 +60,8 @@ class WheelOdometry:
             return None
         T = relative(last, pose)
         if distance(T) > self.config.jump:
-            raise ValueError(f"odometry: a step of {distance(T):.1f} m, taken for a new start")
+            _log.warning("odometry: a step of %.1f m, taken for a new start", distance(T))
+            return None
         laser, covariance = self._T_robot_laser, self.covariance(T)
         if not laser.any():
             return Step(T, covariance)

@@ -63,6 +63,7 @@ class TrackingSource(Protocol):
     def step(self, reading: Any, expected: Step | None) -> Step | None:
         """The motion since its last reading; None where it cannot tell, as from the first one.
 
+        A source that raises has not taken the reading: its next step goes from the one before.
         `expected` is what the sources before it measured of the same step, if any did.
         """
         ...

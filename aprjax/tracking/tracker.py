@@ -120,7 +120,8 @@ class HypothesisTracker:
         step = self._motion.step(self.tracking, readings, self._measure)
         if step is not None:
             if self._motion.complete:
-                self._measured, self._astray = stamp, 0.0
+                timed = stamp is not None and math.isfinite(stamp)
+                self._measured, self._astray = stamp if timed else None, 0.0
             self._advance(step)
         return self.belief
 
@@ -174,14 +175,14 @@ class HypothesisTracker:
             raise ValueError(
                 f"state: {len(state['sources'])} sources, not the tracker's {len(self._sources())}"
             )
-        belief = belief_of_state(state["belief"])
+        belief, motion = belief_of_state(state["belief"]), Motion(float(self.config.unmeasured))
+        motion.restore(state["motion"])
         for hypothesis in belief.hypotheses:
             if hypothesis.place.node not in self.world.graph:
                 raise ValueError(f"state: the world has no node {hypothesis.place.node}")
-        self.belief = belief
-        self._way, self._measured = state["way"], state["measured"]
-        self._astray = state["astray"]
-        self._motion.restore(state["motion"])
+        way, measured, astray = state["way"], state["measured"], state["astray"]
+        self.belief, self._motion = belief, motion
+        self._way, self._measured, self._astray = way, measured, astray
         self._heard, self._stamps = dict(state["heard"]), dict(state["stamps"])
         for source, own in zip(self._sources(), state["sources"], strict=True):
             if isinstance(source, Remembers):
@@ -218,7 +219,8 @@ class HypothesisTracker:
         if self._astray == 0.0:
             _log.warning("no motion measured for %.1f s", elapsed)
         before = self._astray
-        self._astray = min(float(self.config.speed) * elapsed, float(self.config.astray))
+        reached = min(float(self.config.speed) * elapsed, float(self.config.astray))
+        self._astray = max(before, reached)  # of several clocks, one may be behind
         if self._astray > before:
             way, turn = (
                 min(self._astray, most) ** 2 - min(before, most) ** 2 for most in (math.inf, 1.0)
@@ -250,17 +252,31 @@ class HypothesisTracker:
             timely[name] = reading
         return timely
 
-    def _measure(self, source: TrackingSource, reading: Any, expected: Step | None) -> Step | None:
-        """A source's step, if it has a sound one."""
-        return self._ask(source, checked_step, self._ask(source, source.step, reading, expected))
+    def _measure(
+        self, source: TrackingSource, reading: Any, expected: Step | None
+    ) -> tuple[bool, Step | None]:
+        """Whether a source took its reading, and its step, if it has a sound one."""
+        try:
+            step = source.step(reading, expected)
+        except Exception as error:
+            _warn(source, error)
+            return False, None
+        return True, self._ask(source, checked_step, step)
 
     def _ask(self, source: Any, question: Callable[..., Any], *about: Any) -> Any:
-        """The answer; None, and a line in the log, if it raises. Of None as the first, None."""
+        """The answer; None, and a line in the log, if it raises.
+
+        None too where the first thing that is asked about is None: an earlier question failed.
+        """
         try:
             return None if about[0] is None else question(*about)
         except Exception as error:
-            _log.warning("%s: %s: %s", type(source).__name__, type(error).__name__, error)
+            _warn(source, error)
             return None
+
+
+def _warn(source: Any, error: Exception) -> None:
+    _log.warning("%s: %s: %s", type(source).__name__, type(error).__name__, error)
 
 
 def motion_sources(

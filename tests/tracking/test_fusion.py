@@ -58,8 +58,12 @@ class Measured:
         self.variance, self.off = deviation**2, np.array(off)
         self.last = None
         self.expected = []
+        self.fails = []
+        """Which of the next readings it does not take."""
 
     def step(self, reading, expected):
+        if self.fails and self.fails.pop(0):
+            raise ValueError("no reading")
         last, self.last = self.last, reading
         self.expected.append(expected)
         if last is None:
@@ -73,7 +77,11 @@ def gyro():
 
 
 def asked(source, reading, expected):
-    return source.step(reading, expected)
+    """As the tracker asks: who raises has not taken the reading."""
+    try:
+        return True, source.step(reading, expected)
+    except ValueError:
+        return False, None
 
 
 def driven(sources, calls, motion=None):
@@ -137,6 +145,54 @@ def test_a_gyro_and_wheels_that_never_read_in_one_call_agree():
     # The way is 5 m; who has not read since the last turn of 0.02 does not know of it.
     assert np.all(np.abs(off) < [0.15, 0.15, 0.04])
     assert added[-1][0] - added[11][0] < 0.001
+
+
+@pytest.mark.parametrize("failing", [[0, 0, 1], [0, 0, 1, 1, 1], [0, 1] * 20])
+@pytest.mark.parametrize("apart", [False, True])
+def test_readings_that_a_source_does_not_take_lose_and_double_no_motion(failing, apart):
+    wheels, scan = Measured("wheels"), Measured("scan", 0.02)
+    wheels.fails = list(failing)
+    calls = [("wheels",), ("scan",)] * 20 if apart else [BOTH] * 40
+    off, _ = driven([wheels, scan], [*calls, BOTH])
+    # Apart, each is off by the step that the other read last.
+    assert abs(off[0]) < (0.25 if apart else 1e-6)
+
+
+def test_a_source_that_starts_anew_goes_on_from_there():
+    wheels, scan = Measured("wheels"), Measured("scan")
+    scan.step = lambda reading, expected: None  # as one that never finds an overlap
+    calls = [*[("wheels",)] * 4, ("scan",)] * 6
+    motion = Motion(0.3)
+    driven([wheels, scan], calls[:10], motion)
+    wheels.last = None
+    off, _ = driven([wheels, scan], calls, motion)
+    # One step is not told of: that over which it started anew.
+    assert abs(off[0]) < 0.25
+
+
+def test_a_slow_gyro_turns_what_knows_its_way_alone():
+    way = Measured("speed", known=(True, True, False))
+    calls = [("speed", "gyro"), *[("speed",)] * 4] * 8 + [("speed", "gyro")]
+    off, _ = driven([way, gyro()], calls)
+    assert abs(off[2]) < 1e-3
+    assert np.hypot(off[0], off[1]) < 0.3
+
+
+def test_numbers_between_a_fast_gyro_and_a_slow_scanner_are_the_wheels():
+    sources = [gyro(), Measured("wheels"), Measured("scan")]
+    three = ("gyro", "wheels", "scan")
+    driven(sources, [three, *[("gyro",)] * 4, ("gyro", "wheels"), *[("gyro",)] * 4, three])
+    expected = sources[2].expected[-1]
+    assert expected.T_before_now[0] == pytest.approx(1.0, abs=0.05)
+    assert expected.covariance[0, 0] < 0.01
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_of_two_late_sources_of_one_name_the_surer_counts_more_in_either_order(order):
+    both = [Measured("scan", 0.001), Measured("scan", 0.03, off=(0.2, 0.0, 0.0))]
+    sources = [Measured("wheels", 0.1), *(both[k] for k in order)]
+    off, _ = driven(sources, [BOTH, *[("wheels",)] * 4] * 8 + [BOTH])
+    assert abs(off[0]) < 0.02
 
 
 def test_a_gyro_alone_lets_the_place_grow_uncertain():

@@ -124,8 +124,9 @@ def test_the_error_of_an_arc_widens_the_volume_beyond_it(deviation, hypotheses):
     assert len(made.hypotheses) == hypotheses
 
 
-def test_a_pose_beyond_reach_confirms_nothing():
+def test_a_pose_that_no_arcs_lead_to_confirms_nothing():
     world = corridor(nodes=12)
+    world.remove_arc(5, 6)
     made = sure(world=world)
     made.move(step=drive(1.0))
     made.observe(estimates=[at(11, -43.0)])
@@ -137,6 +138,9 @@ def test_a_robot_that_drove_far_from_its_home_node_is_still_confirmed():
     number = made.belief.best.number
     for _ in range(36):
         made.move(step=drive(1.0, deviation=0.02))
+    far, near = made.belief.best.place, at(9).place
+    assert made._near.off(far, near) is not None
+    assert made._near.off(near, far) is not None
     made.observe(estimates=[at(9)])
     assert (made.belief.best.number, made.belief.best.place.node) == (number, 9)
 
@@ -483,6 +487,14 @@ def test_a_covariance_that_is_none_is_left_out(covariance):
     assert np.all(np.linalg.eigvalsh(made.belief.best.covariance) > 0)
 
 
+def test_what_a_source_does_not_measure_moves_nothing():
+    made = sure()
+    before = made.belief.best.place.T_node_laser
+    unmeasured = np.diag([np.inf, np.inf, 1e-4])
+    made.move(step=Step(np.array([0.7, np.nan, 0.1]), unmeasured))
+    np.testing.assert_allclose(made.belief.best.place.T_node_laser, before + np.array([0, 0, 0.1]))
+
+
 @pytest.mark.parametrize("covariance", [EXACT.tolist(), RANK_ONE])
 def test_numbers_in_lists_and_extreme_ones_are_taken_beside_other_sources(covariance):
     made = sure(tracking=[Driven(), WheelOdometry()])
@@ -550,6 +562,26 @@ def test_repeated_readings_and_a_clock_that_stands_still_do_no_harm():
     made.move(stamp=3.0, step=drive(1.0))
     made.observe(stamp=3.0, estimates=[at(0, 1.0)])
     assert only(made).probability > CONFIG.initial
+
+
+def test_silence_is_counted_once_whichever_clock_is_behind():
+    made = sure()
+    made.move(stamp=0.0, step=drive(0.0))
+    before = made.belief.best
+    for stamp in range(1, 15):
+        made.observe(stamp=float(stamp), other=None)
+        made.observe(stamp=stamp - 0.9, another=None)
+    grown = made.belief.best.covariance - before.covariance
+    assert grown[0, 0] == pytest.approx(float(TrackerConfig().astray) ** 2)
+
+
+def test_a_stamp_that_is_no_number_does_not_stop_the_clock_of_silence():
+    made = sure()
+    made.move(stamp=np.nan, step=drive(0.0))
+    radius = made.belief.best.radius
+    for stamp in range(100):
+        made.observe(stamp=float(stamp), other=None)
+    assert made.belief.best.radius > 2 * radius
 
 
 def test_a_clock_that_is_set_back_does_not_stop_the_tracker(caplog):
@@ -731,6 +763,10 @@ def test_at_rest_estimates_of_other_places_take_from_the_rest_alone():
     before = only(made).probability
     for node in range(2, 12):
         made.observe(estimates=[at(node, probability=0.5)])
+    assert made.hypotheses[0].probability == pytest.approx(before)
+    made.observe(
+        estimates=[at(node, 1.9, y, probability=0.01) for node in range(12) for y in (3, -3)]
+    )
     assert made.hypotheses[0].probability == pytest.approx(before)
     assert total(made.belief) == pytest.approx(1.0)
 
