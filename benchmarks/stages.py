@@ -106,10 +106,10 @@ def stages(
         return vote(references.edges, k_m, references.valid, query.graph, config.voting)
 
     def glance_one(query: Features, votes: Votes):
-        return glance_through(votes, features, query, references.config.raster, config.shortlist)
+        return glance_through(votes, features, query, references.config.raster, config.listing)
 
     def look_one(query: Features, passed: Votes):
-        return look_closer(passed, features, query, config.alignment, config.shortlist)
+        return look_closer(passed, features, query, config.alignment, config.listing)
 
     def evaluate_one(query: Features, listed: Shortlist):
         return evaluate(query, listed, features, config)

@@ -158,8 +158,8 @@ def _stages(
         query.graph,
         config.voting,
     )
-    passed = glance_through(voted, features, query, references.config.raster, config.shortlist)
-    kept = Poses.listed(look_closer(passed, features, query, config.alignment, config.shortlist))
+    passed = glance_through(voted, features, query, references.config.raster, config.listing)
+    kept = Poses.listed(look_closer(passed, features, query, config.alignment, config.listing))
 
     def refined(T_ref_query: Pose, row: Int[Array, ""]) -> Pose:
         reference = jax.tree.map(lambda array: array[row], features.view)
