@@ -74,15 +74,10 @@ class EvidenceConfig(eqx.Module):
 
 def moved(belief: Belief, step: Step, config: EvidenceConfig) -> Belief:
     """All centres carried on by a step, all volumes grown, and the rest as it grew by leak."""
-    kept = fading(travelled(step, config), config) * (1.0 - step.doubt)
+    kept = (1.0 - float(config.leak)) ** travelled(step, config) * (1.0 - step.doubt)
     carried = [hypothesis.moved(step, config.volume) for hypothesis in belief.hypotheses]
     left = tuple(replace(h, probability=h.probability * kept) for h in carried)
     return replace(belief, hypotheses=left, rest=_rest(left))
-
-
-def fading(way: float, config: EvidenceConfig) -> float:
-    """The share of each λ_i that is left after so many metres, by leak."""
-    return (1.0 - float(config.leak)) ** way
 
 
 def travelled(step: Step, config: EvidenceConfig) -> float:

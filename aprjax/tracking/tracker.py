@@ -19,7 +19,6 @@ from aprjax.tracking.checked import checked_estimates, checked_step, checked_ver
 from aprjax.tracking.continuity import ScanContinuity
 from aprjax.tracking.evidence import (
     EvidenceConfig,
-    fading,
     judged,
     located,
     moved,
@@ -57,7 +56,7 @@ class TrackerConfig(eqx.Module):
         0.3, "metres and radians per second: deviation of motion in silence"
     )
     astray: Float[Array, ""] = threshold(
-        3.0, "metres, and radians up to one: most of it in one silence"
+        3.0, "metres, and radians up to one: most of it between two readings"
     )
     late: Float[Array, ""] = threshold(60.0, "seconds; an older stamp is that of a new clock")
 
@@ -98,7 +97,7 @@ class HypothesisTracker:
         self._heard: dict[str, float] = {}  # the way at each source's last reading
         self._stamps: dict[str, float] = {}
         self._measured: float | None = None  # the stamp of the last motion measured
-        self._astray = 0.0  # metres that it may be off since then
+        self._silent = False  # whether that is long ago
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
@@ -121,7 +120,7 @@ class HypothesisTracker:
         if step is not None:
             if self._motion.complete:
                 timed = stamp is not None and math.isfinite(stamp)
-                self._measured, self._astray = stamp if timed else None, 0.0
+                self._measured, self._silent = stamp if timed else None, False
             self._advance(step)
         return self.belief
 
@@ -157,7 +156,7 @@ class HypothesisTracker:
             "heard": dict(self._heard),
             "stamps": dict(self._stamps),
             "measured": self._measured,
-            "astray": self._astray,
+            "silent": self._silent,
             "motion": self._motion.state(),
             "sources": [
                 source.state() if isinstance(source, Remembers) else None
@@ -180,9 +179,9 @@ class HypothesisTracker:
         for hypothesis in belief.hypotheses:
             if hypothesis.place.node not in self.world.graph:
                 raise ValueError(f"state: the world has no node {hypothesis.place.node}")
-        way, measured, astray = state["way"], state["measured"], state["astray"]
+        way, measured, silent = state["way"], state["measured"], state["silent"]
         self.belief, self._motion = belief, motion
-        self._way, self._measured, self._astray = way, measured, astray
+        self._way, self._measured, self._silent = way, measured, silent
         self._heard, self._stamps = dict(state["heard"]), dict(state["stamps"])
         for source, own in zip(self._sources(), state["sources"], strict=True):
             if isinstance(source, Remembers):
@@ -207,7 +206,7 @@ class HypothesisTracker:
     def _drift(self, stamp: float | None) -> None:
         """Let volumes grow if no motion has been measured for long: the robot may have moved.
 
-        Belief fades as if it had gone as far as it may be astray.
+        Evidence counts as if it had gone that way.
         """
         if stamp is None or not math.isfinite(stamp):
             return
@@ -216,18 +215,12 @@ class HypothesisTracker:
         elapsed = stamp - self._measured
         if elapsed <= self.config.silence:
             return
-        if self._astray == 0.0:
+        if not self._silent:
             _log.warning("no motion measured for %.1f s", elapsed)
-        before = self._astray
-        reached = min(float(self.config.speed) * elapsed, float(self.config.astray))
-        self._astray = max(before, reached)  # of several clocks, one may be behind
-        if self._astray > before:
-            way, turn = (
-                min(self._astray, most) ** 2 - min(before, most) ** 2 for most in (math.inf, 1.0)
-            )
-            lost = 1.0 - fading(self._astray - before, self.config.evidence)
-            self._way += self._astray - before
-            self._advance(Step(np.zeros(3), np.diag([way, way, turn]), lost))
+        self._measured, self._silent = stamp, True
+        far = min(float(self.config.speed) * elapsed, float(self.config.astray))
+        self._way += far
+        self._advance(Step(np.zeros(3), np.diag([far**2, far**2, min(far, 1.0) ** 2])))
 
     def _timely(self, call: str, stamp: float | None, readings: dict[str, Any]) -> dict[str, Any]:
         """The readings that are not older than the last ones of their kind.
