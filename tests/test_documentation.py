@@ -88,6 +88,16 @@ def names_of(source):
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
+def test_the_files_and_experiments_that_the_readme_names_are_there():
+    root = Path(__file__).resolve().parents[1]
+    files = re.findall(r"(?:experiments|benchmarks)/[\w/-]+\.\w+", README)
+    modules = re.findall(r"python -m experiments\.(\w+)", README)
+    assert len(files) > 10
+    assert len(modules) > 10
+    named = {*files, *(f"experiments/{module}.py" for module in modules)}
+    assert {name for name in named if not (root / name).is_file()} == set()
+
+
 def test_what_the_readme_uses_is_there():
     used = {
         name

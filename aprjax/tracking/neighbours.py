@@ -1,5 +1,6 @@
 """Poses of different nodes compared in the super space, and estimates that mean one place."""
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -37,6 +38,8 @@ class Neighbours:
         what was searched is found again.
         """
         half = 0.5 * self._reach
+        if not 0.0 < half < math.inf:
+            return 0.0
         return float(distance(place.T_node_laser) // half * half)
 
     def off(self, one: Place, other: Place) -> tuple[np.ndarray, float, float] | None:

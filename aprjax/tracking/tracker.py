@@ -180,9 +180,10 @@ class HypothesisTracker:
             if hypothesis.place.node not in self.world.graph:
                 raise ValueError(f"state: the world has no node {hypothesis.place.node}")
         way, measured, silent = state["way"], state["measured"], state["silent"]
+        heard, stamps = dict(state["heard"]), dict(state["stamps"])
         self.belief, self._motion = belief, motion
         self._way, self._measured, self._silent = way, measured, silent
-        self._heard, self._stamps = dict(state["heard"]), dict(state["stamps"])
+        self._heard, self._stamps = heard, stamps
         for source, own in zip(self._sources(), state["sources"], strict=True):
             if isinstance(source, Remembers):
                 source.restore(own)

@@ -124,6 +124,14 @@ def test_the_error_of_an_arc_widens_the_volume_beyond_it(deviation, hypotheses):
     assert len(made.hypotheses) == hypotheses
 
 
+def test_without_reach_a_robot_far_from_its_home_node_is_confirmed_there_alone():
+    made = sure(config=TrackerConfig(reach=0.0))
+    made.move(step=drive(1.0))
+    made.observe(estimates=[at(0, 1.0), at(1, -3.0, 2.0)])
+    assert made.belief.best.place.node == 0
+    assert made.belief.best.unconfirmed == 0
+
+
 def test_a_pose_that_no_arcs_lead_to_confirms_nothing():
     world = corridor(nodes=12)
     world.remove_arc(5, 6)
