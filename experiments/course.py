@@ -6,14 +6,16 @@ In each of five simulated buildings of 50 x 70 m, a mapping run goes once round;
 become references, none of them in the middle of the two long corridors, where all doors are shut
 and a scanner that sees 8 m finds nothing to match. A camera's images are sorted into 150 classes by
 growing neural gas, and registered in the map. Later, in other light, with other people about and a
-quarter of the movable things elsewhere, a robot goes round again, by other ways.
+quarter of the movable things elsewhere, a robot goes round again, by other ways. A particle filter
+(`particle_filter.py`) gets the same scans and odometry, and a grid drawn from the 53 references at
+their true poses.
 
 Prints and writes `course.csv`, a row for each building and choice of sources: the first cycle with
 a hypothesis; from there on, the share of cycles in which the strongest hypothesis is the right one
 (within 1 m and 20° of the truth: along a plain corridor nothing but wheels measure the way); how
 often that is lost, how many of these losses begin in the corridors or up to 5 m after them, and the
 metres until it is back, in the mean and at worst; the shares of cycles within 0.5 m and 10°, and
-committed (λ_b over 0.5) to another than the right one.
+committed (λ_b, or the particles' weight about one place, over 0.5) to another than the right one.
 
 `course.png`: λ_b and λ_0 over the course of the first building. `cycles.png`: the paper's Fig. 7,
 the hypotheses after cycles 1, 32, 75 and 106.
@@ -63,12 +65,14 @@ from experiments.outputs import (
     write_figure,
     write_table,
 )
+from experiments.particle_filter import LikelihoodField, ParticleFilter
 
 BUILDINGS, REFERENCES = 5, 53
 MAPPING_STEP, STEP = 0.3, 0.28  # metres between scans; the paper's cycles are as far apart
 IMAGED = 2  # every second scan of the mapping run has an image
 CYCLES = 1, 32, 75, 106
 RIGHT, TURNED = 1.0, np.radians(20)
+PARTICLES = 2000, 20_000
 AFTER = 5.0  # metres after a corridor that still count as caused by it
 
 
@@ -81,7 +85,8 @@ class Survey:
     """The mapping run."""
     world: aprjax.WorldModel
     T_world_node: np.ndarray
-    """`(nodes, 3)`, the truth: to score with."""
+    """`(nodes, 3)`, the truth, as that of the references: to score with."""
+    T_world_ref: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -91,7 +96,8 @@ class Course:
     built: Building
     world: aprjax.WorldModel
     T_world_node: np.ndarray
-    """`(nodes, 3)`, the truth, as that of the course: to score with."""
+    """`(nodes, 3)`, the truth, as those of the references and of the course: to score with."""
+    T_world_ref: np.ndarray
     classifier: ViewClassifier
     entries: list[aprjax.LogEntry]
     images: np.ndarray
@@ -102,13 +108,18 @@ def main() -> int:
     """Drive, track, print, write; the exit status."""
     arguments = parsed(__doc__, BUILDINGS, quick="one building, 110 cycles")
     buildings, cycles = (1, 110) if arguments.quick else (arguments.buildings, None)
+    particles = PARTICLES[:1] if arguments.quick else PARTICLES
 
     rows = []
     for seed in range(arguments.first, arguments.first + buildings):
         print(f"building {seed}", file=sys.stderr, flush=True)
         told = course(seed, cycles)
         found = tracked(told)
-        rows += [{"building": seed, **scored(told, name, run)} for name, run in found.items()]
+        answers = {name: strongest(told, run) for name, run in found.items()}
+        answers |= {f"{count} particles": filtered(told, count, seed) for count in particles}
+        rows += [
+            {"building": seed, **scored(told, name, *answer)} for name, answer in answers.items()
+        ]
         if seed == 0:
             write_figure(draw_course(told, found), arguments.out / "course.png")
             write_figure(
@@ -134,7 +145,14 @@ def course(seed: int, cycles: int | None) -> Course:
     way = drive.T_world_laser
     images = take_images(700 + seed, camera, later.plan, textures, way)
     return Course(
-        built, known.world, known.T_world_node, classifier, entries_of(drive), images, way
+        built,
+        known.world,
+        known.T_world_node,
+        known.T_world_ref,
+        classifier,
+        entries_of(drive),
+        images,
+        way,
     )
 
 
@@ -145,7 +163,8 @@ def survey(seed: int) -> Survey:
     run = recorded(seed, built, [way], _laser())
     seen = np.flatnonzero(~built.is_blank(run.T_world_laser[:, :2]))
     references = seen[choose_references(run.T_world_laser[seen], REFERENCES)]
-    return Survey(built, run, *mapped(seed, run, entries_of(run), references))
+    world, T_world_node = mapped(seed, run, entries_of(run), references)
+    return Survey(built, run, world, T_world_node, run.T_world_laser[references])
 
 
 def driven(seed: int, built: Building, cycles: int | None) -> tuple[Building, Run]:
@@ -185,19 +204,32 @@ def tracked(told: Course) -> dict[str, list[Belief]]:
     return found
 
 
-def strongest(told: Course, beliefs: Sequence[Belief]) -> np.ndarray:
-    """Where the strongest hypotheses are in the world, `(cycles, 3)`; NaN where there is none."""
-    poses = np.full((len(beliefs), 3), np.nan)
+def filtered(told: Course, particles: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """A particle filter's strongest poses in the world, `(cycles, 3)`, and the weights there."""
+    scans = [scan for _, scan in sorted(told.world.reference_scans.items())]
+    field = LikelihoodField.of(scans, told.T_world_ref)
+    answers = ParticleFilter(field, particles, seed).follow(told.entries)
+    poses, weights, _ = (np.array(column) for column in zip(*answers, strict=True))
+    return poses, weights
+
+
+def strongest(told: Course, beliefs: Sequence[Belief]) -> tuple[np.ndarray, np.ndarray]:
+    """Where the strongest hypotheses are in the world, `(cycles, 3)`, and their λ.
+
+    NaN and 0 where there is none.
+    """
+    poses, probability = np.full((len(beliefs), 3), np.nan), np.zeros(len(beliefs))
     for row, belief in enumerate(beliefs):
         if belief.best is not None:
             place = belief.best.place
             poses[row] = compose(told.T_world_node[place.node], place.T_node_laser)
-    return poses
+            probability[row] = belief.best.probability
+    return poses, probability
 
 
-def scored(told: Course, name: str, beliefs: Sequence[Belief]) -> dict:
-    """A row of the table."""
-    poses, truth = strongest(told, beliefs), told.T_world_laser
+def scored(told: Course, name: str, poses: np.ndarray, probability: np.ndarray) -> dict:
+    """A row of the table, for strongest poses in the world and how sure they are."""
+    truth = told.T_world_laser
     gap, turn = deviations(poses, truth)
     first = int(np.argmax(np.isfinite(gap)))
     is_it = ((gap < RIGHT) & (turn < TURNED))[first:]
@@ -208,10 +240,10 @@ def scored(told: Course, name: str, beliefs: Sequence[Belief]) -> dict:
     blank = told.built.is_blank(truth[:, :2])[first:]
     dark = way[blank]
     caused = [np.any((dark >= way[start] - AFTER) & (dark <= way[start])) for start, _ in losses]
-    committed = np.array([b.best is not None and b.best.probability > 0.5 for b in beliefs])[first:]
+    committed = (probability > 0.5)[first:]
     return {
         "sources": name,
-        "cycles": len(beliefs),
+        "cycles": len(poses),
         "in_corridors": int(blank.sum()),
         "first_cycle": first + 1,
         "strongest_is_right": round(float(is_it.mean()), 3),
@@ -232,8 +264,8 @@ def draw_course(told: Course, found: dict[str, list[Belief]]) -> Figure:
     figure = Figure(figsize=(11, 2.1 * len(found) + 0.6), layout="constrained")
     panels = figure.subplots(len(found), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
     for ax, (name, beliefs) in zip(panels, found.items(), strict=True):
-        best = np.array([b.best.probability if b.best else 0.0 for b in beliefs])
-        gap, turn = deviations(strongest(told, beliefs), truth)
+        poses, best = strongest(told, beliefs)
+        gap, turn = deviations(poses, truth)
         wrong = ~((gap < RIGHT) & (turn < TURNED)) & (best > 0)
         ax.fill_between(way, 0, 1, where=blank, color="#e6e2d8", lw=0, label="nothing to match")
         ax.plot(way, best, color=BLUE, lw=1.2, label="$\\lambda_b$, the strongest")

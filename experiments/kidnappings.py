@@ -144,19 +144,10 @@ def by_hypotheses(told: Trial) -> Outcome:
 def by_particles(told: Trial, particles: int, seed: int) -> Outcome:
     """The particle filter."""
     scans = [scan for _, scan in sorted(told.world.reference_scans.items())]
-    tracker = ParticleFilter(LikelihoodField.of(scans, told.T_world_ref), particles, seed)
-    poses, committed, seconds = [], [], []
-    for entry in told.entries:
-        began = time.process_time()
-        if entry.odometry is not None:
-            tracker.move(entry.odometry)
-        tracker.observe(entry.scan)
-        pose, weight = tracker.strongest()
-        seconds.append(time.process_time() - began)
-        poses.append(pose)
-        committed.append(weight > 0.5)
-    right = is_right(np.array(poses), told.T_world_laser)
-    return Outcome(right, np.array(committed), np.array(seconds))
+    field = LikelihoodField.of(scans, told.T_world_ref)
+    answers = ParticleFilter(field, particles, seed).follow(told.entries)
+    poses, weights, seconds = (np.array(column) for column in zip(*answers, strict=True))
+    return Outcome(is_right(poses, told.T_world_laser), weights > 0.5, seconds)
 
 
 def recoveries(told: Trial, found: Outcome) -> np.ndarray:

@@ -7,11 +7,14 @@ from a kidnapping. The grid is drawn from the reference scans at their true pose
 never told.
 """
 
+import time
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
+from aprjax.io.log import LogEntry
 from aprjax.plane import compose, transform
 from aprjax.scan import Scan
 from aprjax.tracking.continuity import end_points
@@ -75,6 +78,16 @@ class ParticleFilter:
         self.poses = self._anywhere(particles)
         self.weights = np.full(particles, 1.0 / particles)
         self._slow = self._fast = 0.0
+
+    def follow(self, entries: Iterable[LogEntry]) -> Iterator[tuple[np.ndarray, float, float]]:
+        """After each entry the strongest pose, the weight about it, and seconds of CPU time."""
+        for entry in entries:
+            began = time.process_time()
+            if entry.odometry is not None:
+                self.move(entry.odometry)
+            self.observe(entry.scan)
+            pose, weight = self.strongest()
+            yield pose, weight, time.process_time() - began
 
     def move(self, odometry: np.ndarray) -> None:
         """Carried on by a step of wheel odometry, each with noise of its own."""

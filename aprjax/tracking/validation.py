@@ -1,7 +1,9 @@
-"""Iterative dual correspondence as validation source: does the scan fit where the robot may be?
+"""Iterative dual correspondence as validation source: where exactly a scan fits a hypothesis.
 
-It needs a start, so it can find no place; but near one it tells far more surely than a single
-global match whether the scan was taken there, and where exactly.
+It needs a start, so it can find no place. Near one it refines the centre of a hypothesis that the
+global match did not find. It rejects nothing: a scan that the matcher makes nothing of shows
+people, a door, or the room behind it, and converges at right places no more often than at wrong
+ones.
 """
 
 from collections.abc import Sequence
@@ -29,18 +31,15 @@ _DEVIATIONS = 2.0  # of the arcs in between, by which a volume is widened
 class IdcSourceConfig(eqx.Module):
     """Which hypotheses are compared with what, and what that says.
 
-    `found` is far less than how much more often the correspondence converges at right places than
-    at wrong ones: those at which it does look alike, and have misled the matcher before.
+    `found` is little: wrong places that the matcher took for right ones look alike to it too.
     """
 
     idc: IdcConfig = IdcConfig()
     reach: Float[Array, ""] = threshold(2.5, "metres to a reference that shows the same")
     turn: Float[Array, ""] = threshold(np.radians(60), "radians to it")
     least: Float[Array, ""] = threshold(0.02, "λ of hypotheses that are worth the effort")
-    found: Float[Array, ""] = threshold(3.0, "likelihood ratio where it converges in the volume")
+    found: Float[Array, ""] = threshold(1.5, "likelihood ratio where it converges in the volume")
     paired: Float[Array, ""] = threshold(0.6, "share of paired hits from which a pose is taken")
-    missing: Float[Array, ""] = threshold(0.2, "likelihood ratio where it does not")
-    start: Float[Array, ""] = threshold(0.8, "metres: r_i up to which it should have converged")
     hypotheses: int = capacity(4, "most hypotheses that are compared with a scan")
 
 
@@ -120,11 +119,8 @@ class IdcSource:
         inside = self._near is not None and self._near.within(
             hypothesis.place, place, hypothesis.radius, hypothesis.angle, _DEVIATIONS
         )
-        if found.converged and inside:
-            if found.paired < self.config.paired:
-                return Verdict(1.0)
-            covariance = np.asarray(found.covariance, float)
-            in_node = compose_covariance(at.T_node_laser, _EXACT, T_ref_laser, covariance)
-            return Verdict(float(self.config.found), place, in_node, reference)
-        off_start = hypothesis.radius > self.config.start
-        return Verdict(1.0 if off_start else float(self.config.missing))
+        if not (found.converged and inside and found.paired >= self.config.paired):
+            return Verdict(1.0)
+        covariance = np.asarray(found.covariance, float)
+        in_node = compose_covariance(at.T_node_laser, _EXACT, T_ref_laser, covariance)
+        return Verdict(float(self.config.found), place, in_node, reference)
