@@ -37,8 +37,8 @@ from aprjax.relations.histograms import RelationConfig, direction_spectrum, matc
 from aprjax.sweeping.axes import configured
 from experiments.outputs import BLUE, print_table, write_configuration, write_figure, write_table
 
-G_1 = np.array([[-3.7588, 1.3681], [0.0, 0.0], [2.4, -1.0], [0.3486, 3.9848]])
-G_2 = np.array([[0.8374, -1.8495], [-3.3122, 3.2807], [-0.7410, 0.2165]])
+G_1 = np.array([[-3.7588, 1.3681], [0.0, 0.0], [-1.2, -2.2], [0.3486, 3.9848]])
+G_2 = np.array([[-2.8802, -1.0887], [-3.3122, 3.2807], [-0.7410, 0.2165]])
 SAME_POINT = {1: 3, 2: 1, 3: 2}  # anchor of G_2: anchor of G_1
 T_1_2 = np.array([0.75, 0.183, np.radians(30)])
 ANY_ANGLE = configured(CorrespondenceConfig(), {"angle": np.pi})
