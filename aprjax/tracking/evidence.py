@@ -19,15 +19,16 @@ since the source's last reading, turns included: at rest nothing adds up, and ov
 evidence does not depend on how often the scanner looks.
 
 The robot may be carried away, or leave a volume unnoticed: with every metre each λ_i loses a
-share, `leak`, to the rest; a source of motion that doubts its step takes away that share more; and
-λ_0 never falls below `rest`, for no evidence is beyond doubt.
+share, `leak`, to the rest; a source of motion that doubts its step takes away that share more, and
+what a volume no longer holds that has grown to its bounds goes the same way; and λ_0 never falls
+below `rest`, for no evidence is beyond doubt.
 
 Estimates of one reading that name different places exclude each other: p is that of being the right
 one among them, from the odds that the source gives each.
 
 Departures from the paper. It does not state its rewards and punishments; here they are likelihood
-ratios. Its tracking sources leave all λ alone; here the proportions of the λ_i stay, but leak and
-doubt shift weight from all of them to the rest. An estimate that would be rather wrong than right
+ratios. Its tracking sources leave all λ alone; here the proportions of the λ_i stay as long as
+their volumes are within bounds, but leak and doubt shift weight from all of them to the rest. An estimate that would be rather wrong than right
 even if the robot were in the volume rewards a hypothesis and does not move its centre.
 Hypotheses that meet become one.
 """
@@ -75,9 +76,12 @@ class EvidenceConfig(eqx.Module):
 def moved(belief: Belief, step: Step, config: EvidenceConfig) -> Belief:
     """All centres carried on by a step, all volumes grown, and the rest as it grew by leak."""
     kept = (1.0 - float(config.leak)) ** travelled(step, config) * (1.0 - step.doubt)
-    carried = [hypothesis.moved(step, config.volume) for hypothesis in belief.hypotheses]
-    left = tuple(replace(h, probability=h.probability * kept) for h in carried)
-    return replace(belief, hypotheses=left, rest=_rest(left))
+    left = []
+    for before in belief.hypotheses:
+        now, held = before.moved(step, config.volume), config.volume.held
+        share = min(held(now.covariance) / held(before.covariance), 1.0)
+        left.append(replace(now, probability=before.probability * kept * share))
+    return replace(belief, hypotheses=tuple(left), rest=_rest(left))
 
 
 def travelled(step: Step, config: EvidenceConfig) -> float:

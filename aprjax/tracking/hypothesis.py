@@ -1,5 +1,6 @@
 """Position hypotheses: volumes in the super space, and what is believed of them (paper 4.A)."""
 
+import math
 from dataclasses import dataclass, replace
 
 import equinox as eqx
@@ -33,6 +34,23 @@ class VolumeConfig(eqx.Module):
         radius = float(self.radius) + k * spread(covariance)
         angle = float(self.angle) + k * turn_spread(covariance)
         return min(radius, float(self.largest)), min(angle, float(self.widest))
+
+    def held(self, covariance: np.ndarray) -> float:
+        """The share of the probability about such a centre that the bounds of a volume leave in it.
+
+        1 where neither is reached; by a normal distribution, alike in all directions.
+        """
+        k, deviation, turn = float(self.deviations), spread(covariance), turn_spread(covariance)
+        radius, angle = self.size(covariance)
+        share = 1.0
+        if radius >= self.largest:
+            wanted = float(self.radius) + k * deviation
+            share *= math.expm1(-((radius / deviation) ** 2))
+            share /= math.expm1(-((wanted / deviation) ** 2))
+        if angle >= self.widest:
+            wanted = float(self.angle) + k * turn
+            share *= math.erf(angle / turn / math.sqrt(2)) / math.erf(wanted / turn / math.sqrt(2))
+        return share
 
 
 @dataclass(frozen=True, eq=False)

@@ -506,7 +506,8 @@ def test_what_a_source_does_not_measure_moves_nothing():
 @pytest.mark.parametrize("covariance", [EXACT.tolist(), RANK_ONE])
 def test_numbers_in_lists_and_extreme_ones_are_taken_beside_other_sources(covariance):
     made = sure(tracking=[Driven(), WheelOdometry()])
-    for x in (0.0, 0.1, 0.2):
+    made.move(odometry=[0.0, 0.0, 0.0])
+    for x in (0.1, 0.2, 0.3):
         step = Step([0.1, 0.0, 0.0], covariance)
         made.move(step=step, odometry=[x, 0.0, 0.0])
         place = Place(0, [x, 0.0, 0.0])
@@ -630,6 +631,26 @@ def test_in_silence_other_sources_find_the_robot_again():
         made.observe(stamp=float(stamp), estimates=[at(8, probability=0.9)])
     assert made.belief.best.place.node == 8
     assert made.belief.situation is Situation.TRACKING
+
+
+def test_a_robot_that_hears_nothing_for_minutes_is_lost():
+    made = sure()
+    made.move(stamp=0.0, step=drive(0.0))
+    probabilities = [made.belief.best.probability]
+    for stamp in range(10, 610, 10):
+        made.observe(stamp=float(stamp), other=None)
+        probabilities.append(made.belief.best.probability)
+    assert made.belief.situation is Situation.LOST
+    assert np.all(np.diff(probabilities) <= 0)
+    assert made.rest == pytest.approx(1 - probabilities[-1])
+
+
+def test_a_volume_within_its_bounds_holds_what_it_held_before():
+    made = sure()
+    before = made.belief.best
+    made.move(step=Step(np.zeros(3), np.diag([0.1, 0.1, 0.01])))
+    assert made.belief.best.radius > before.radius
+    assert made.belief.best.probability == before.probability
 
 
 def test_a_gyro_that_goes_on_does_not_hide_that_wheels_fell_silent():
