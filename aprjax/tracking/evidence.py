@@ -27,9 +27,10 @@ Estimates of one reading that name different places exclude each other: p is tha
 one among them, from the odds that the source gives each.
 
 Departures from the paper. It does not state its rewards and punishments; here they are likelihood
-ratios. Its tracking sources leave all λ alone; here the proportions of the λ_i stay as long as
-their volumes are within bounds, but leak and doubt shift weight from all of them to the rest. An estimate that would be rather wrong than right
-even if the robot were in the volume rewards a hypothesis and does not move its centre.
+ratios. Its tracking sources leave all λ alone; here the proportions of the λ_i stay while volumes
+are within their bounds, but leak and doubt shift weight from all of them to the rest. An estimate
+that would be rather wrong than right even if the robot were in the volume rewards a hypothesis and
+does not move its centre.
 Hypotheses that meet become one.
 """
 
@@ -47,6 +48,8 @@ from aprjax.tracking.hypothesis import Hypothesis, Step, VolumeConfig
 from aprjax.tracking.neighbours import Neighbours
 from aprjax.tracking.sources import Estimate, Verdict
 from aprjax.world.parts import Place
+
+_TINY = 1e-300  # a share of which nothing is left
 
 
 class EvidenceConfig(eqx.Module):
@@ -79,7 +82,7 @@ def moved(belief: Belief, step: Step, config: EvidenceConfig) -> Belief:
     left = []
     for before in belief.hypotheses:
         now, held = before.moved(step, config.volume), config.volume.held
-        share = min(held(now.covariance) / held(before.covariance), 1.0)
+        share = min(held(now.covariance) / max(held(before.covariance), _TINY), 1.0)
         left.append(replace(now, probability=before.probability * kept * share))
     return replace(belief, hypotheses=tuple(left), rest=_rest(left))
 

@@ -30,9 +30,7 @@ class VolumeConfig(eqx.Module):
 
     def size(self, covariance: np.ndarray) -> tuple[float, float]:
         """r_i in metres and Δ_i in radians about a centre of this covariance `(3, 3)`."""
-        k = float(self.deviations)
-        radius = float(self.radius) + k * spread(covariance)
-        angle = float(self.angle) + k * turn_spread(covariance)
+        radius, angle = self._wanted(covariance)
         return min(radius, float(self.largest)), min(angle, float(self.widest))
 
     def held(self, covariance: np.ndarray) -> float:
@@ -40,17 +38,22 @@ class VolumeConfig(eqx.Module):
 
         1 where neither is reached; by a normal distribution, alike in all directions.
         """
-        k, deviation, turn = float(self.deviations), spread(covariance), turn_spread(covariance)
-        radius, angle = self.size(covariance)
+        wanted, sized = self._wanted(covariance), self.size(covariance)
+        deviation, turn = spread(covariance), turn_spread(covariance)
         share = 1.0
-        if radius >= self.largest:
-            wanted = float(self.radius) + k * deviation
-            share *= math.expm1(-((radius / deviation) ** 2))
-            share /= math.expm1(-((wanted / deviation) ** 2))
-        if angle >= self.widest:
-            wanted = float(self.angle) + k * turn
-            share *= math.erf(angle / turn / math.sqrt(2)) / math.erf(wanted / turn / math.sqrt(2))
+        if wanted[0] > sized[0] and deviation > 0:
+            inside = [-math.expm1(-((radius / deviation) ** 2)) for radius in (sized[0], wanted[0])]
+            share *= inside[0] / inside[1]
+        if wanted[1] > sized[1] and turn > 0:
+            inside = [math.erf(angle / turn / math.sqrt(2)) for angle in (sized[1], wanted[1])]
+            share *= inside[0] / inside[1]
         return share
+
+    def _wanted(self, covariance: np.ndarray) -> tuple[float, float]:
+        """The size without bounds."""
+        k = float(self.deviations)
+        radius = float(self.radius) + k * spread(covariance)
+        return radius, float(self.angle) + k * turn_spread(covariance)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ import pytest
 from aprjax.plane import compose, distance
 from aprjax.tracking.belief import Situation
 from aprjax.tracking.evidence import EvidenceConfig
-from aprjax.tracking.hypothesis import Step
+from aprjax.tracking.hypothesis import Step, VolumeConfig
 from aprjax.tracking.odometry import Gyro, WheelOdometry
 from aprjax.tracking.sources import Estimate, Verdict
 from aprjax.tracking.tracker import HypothesisTracker, TrackerConfig
@@ -643,6 +643,23 @@ def test_a_robot_that_hears_nothing_for_minutes_is_lost():
     assert made.belief.situation is Situation.LOST
     assert np.all(np.diff(probabilities) <= 0)
     assert made.rest == pytest.approx(1 - probabilities[-1])
+
+
+@pytest.mark.parametrize("deviation", [1e2, 3e4])
+def test_steps_of_which_nothing_is_known_leave_nothing_but_the_rest(deviation):
+    made = sure()
+    for _ in range(3):
+        made.move(step=drive(0.1, deviation=deviation))
+    made.observe(estimates=[])
+    assert made.rest == 1.0
+
+
+def test_volumes_without_room_to_grow_are_taken():
+    volume = VolumeConfig(radius=np.float32(0.0), angle=np.float32(0.0), largest=np.float32(0.0))
+    made = sure(config=TrackerConfig(evidence=EvidenceConfig(volume=volume)))
+    made.move(step=drive(1.0, deviation=0.0))
+    made.observe(estimates=[at(0, 1.0)])
+    assert total(made.belief) == pytest.approx(1.0)
 
 
 def test_a_volume_within_its_bounds_holds_what_it_held_before():
