@@ -7,8 +7,9 @@ become references, none of them in the middle of the two long corridors, where a
 and a scanner that sees 8 m finds nothing to match. A camera's images are sorted into 150 classes by
 growing neural gas, and registered in the map. Later, in other light, with other people about and a
 quarter of the movable things elsewhere, a robot goes round again, by other ways. A particle filter
-(`particle_filter.py`) gets the same scans and odometry, and a grid drawn from the 53 references at
-their true poses.
+(`particle_filter.py`) gets the same scans and odometry, no images, and a grid drawn from the 53
+references at their true poses. It always names a pose, so that its search from all over the
+building counts.
 
 Prints and writes `course.csv`, a row for each building and choice of sources: the first cycle with
 a hypothesis; from there on, the share of cycles in which the strongest hypothesis is the right one
@@ -85,8 +86,9 @@ class Survey:
     """The mapping run."""
     world: aprjax.WorldModel
     T_world_node: np.ndarray
-    """`(nodes, 3)`, the truth, as that of the references: to score with."""
+    """`(nodes, 3)`, the truth: to score with."""
     T_world_ref: np.ndarray
+    """`(references, 3)`, the truth, by ascending number: for the particle filter's grid."""
 
 
 @dataclass(frozen=True)
@@ -96,8 +98,9 @@ class Course:
     built: Building
     world: aprjax.WorldModel
     T_world_node: np.ndarray
-    """`(nodes, 3)`, the truth, as those of the references and of the course: to score with."""
+    """`(nodes, 3)`, the truth, as that of the course: to score with."""
     T_world_ref: np.ndarray
+    """`(references, 3)`, the truth, by ascending number: for the particle filter's grid."""
     classifier: ViewClassifier
     entries: list[aprjax.LogEntry]
     images: np.ndarray

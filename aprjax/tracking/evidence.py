@@ -28,10 +28,11 @@ one among them, from the odds that the source gives each.
 
 Departures from the paper. It does not state its rewards and punishments; here they are likelihood
 ratios. Its tracking sources leave all λ alone; here the proportions of the λ_i stay while volumes
-are within their bounds, but leak and doubt shift weight from all of them to the rest. An estimate
-that would be rather wrong than right even if the robot were in the volume rewards a hypothesis and
-does not move its centre.
-Hypotheses that meet become one.
+are within their bounds, but leak and doubt shift weight from all of them to the rest. Its
+validation sources confirm or reject; here iterative dual correspondence rejects nothing (see
+`aprjax.tracking.validation`). An estimate that would be rather wrong than right even if the robot
+were in the volume rewards a hypothesis and does not move its centre. Hypotheses that meet become
+one.
 """
 
 import math
@@ -48,8 +49,6 @@ from aprjax.tracking.hypothesis import Hypothesis, Step, VolumeConfig
 from aprjax.tracking.neighbours import Neighbours
 from aprjax.tracking.sources import Estimate, Verdict
 from aprjax.world.parts import Place
-
-_TINY = 1e-300  # a share of which nothing is left
 
 
 class EvidenceConfig(eqx.Module):
@@ -77,12 +76,17 @@ class EvidenceConfig(eqx.Module):
 
 
 def moved(belief: Belief, step: Step, config: EvidenceConfig) -> Belief:
-    """All centres carried on by a step, all volumes grown, and the rest as it grew by leak."""
+    """All centres carried on by a step, all volumes grown, and the rest too.
+
+    That grows by leak, by doubt, and by what volumes at their bounds no longer hold.
+    """
     kept = (1.0 - float(config.leak)) ** travelled(step, config) * (1.0 - step.doubt)
+    held = config.volume.held
     left = []
     for before in belief.hypotheses:
-        now, held = before.moved(step, config.volume), config.volume.held
-        share = min(held(now.covariance) / max(held(before.covariance), _TINY), 1.0)
+        now, was = before.moved(step, config.volume), held(before.covariance)
+        # A covariance that shrinks on the way back brings nothing back: evidence does.
+        share = min(held(now.covariance) / was, 1.0) if was > 0 else 1.0
         left.append(replace(now, probability=before.probability * kept * share))
     return replace(belief, hypotheses=tuple(left), rest=_rest(left))
 

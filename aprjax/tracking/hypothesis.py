@@ -36,17 +36,19 @@ class VolumeConfig(eqx.Module):
     def held(self, covariance: np.ndarray) -> float:
         """The share of the probability about such a centre that the bounds of a volume leave in it.
 
-        1 where neither is reached; by a normal distribution, alike in all directions.
+        1 where neither is reached; by a normal distribution along each axis of the covariance. Of a
+        heading of which nothing is known, what `widest` is of all headings stays.
         """
         wanted, sized = self._wanted(covariance), self.size(covariance)
-        deviation, turn = spread(covariance), turn_spread(covariance)
         share = 1.0
-        if wanted[0] > sized[0] and deviation > 0:
-            inside = [-math.expm1(-((radius / deviation) ** 2)) for radius in (sized[0], wanted[0])]
-            share *= inside[0] / inside[1]
-        if wanted[1] > sized[1] and turn > 0:
-            inside = [math.erf(angle / turn / math.sqrt(2)) for angle in (sized[1], wanted[1])]
-            share *= inside[0] / inside[1]
+        if wanted[0] > sized[0]:
+            for variance in np.linalg.eigvalsh(covariance[:2, :2]):
+                deviation = math.sqrt(max(variance, 0.0))
+                share *= _within(sized[0], deviation) / _within(wanted[0], deviation)
+        if wanted[1] > sized[1]:
+            turn = turn_spread(covariance)
+            least = sized[1] / math.pi
+            share *= max(_within(sized[1], turn) / _within(wanted[1], turn), least)
         return share
 
     def _wanted(self, covariance: np.ndarray) -> tuple[float, float]:
@@ -54,6 +56,11 @@ class VolumeConfig(eqx.Module):
         k = float(self.deviations)
         radius = float(self.radius) + k * spread(covariance)
         return radius, float(self.angle) + k * turn_spread(covariance)
+
+
+def _within(bound: float, deviation: float) -> float:
+    """How much of a normal distribution lies within `bound` of its mean."""
+    return math.erf(bound / deviation / math.sqrt(2)) if deviation > 0 else 1.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,9 +1,8 @@
 """Iterative dual correspondence as validation source: where exactly a scan fits a hypothesis.
 
 It needs a start, so it can find no place. Near one it refines the centre of a hypothesis that the
-global match did not find. It rejects nothing: a scan that the matcher makes nothing of shows
-people, a door, or the room behind it, and converges at right places no more often than at wrong
-ones.
+global match did not. It rejects nothing: where the matcher finds nothing, people or an open door
+are in view, and that nothing converges says nothing about the place.
 """
 
 from collections.abc import Sequence
@@ -31,7 +30,8 @@ _DEVIATIONS = 2.0  # of the arcs in between, by which a volume is widened
 class IdcSourceConfig(eqx.Module):
     """Which hypotheses are compared with what, and what that says.
 
-    `found` is little: wrong places that the matcher took for right ones look alike to it too.
+    `found` is little more than one: a place that the matcher took for the right one looks like it,
+    and there it converges too.
     """
 
     idc: IdcConfig = IdcConfig()
@@ -46,8 +46,8 @@ class IdcSourceConfig(eqx.Module):
 class IdcSource:
     """Compares a scan with the reference nearest to each hypothesis.
 
-    Only hypotheses that the same scan's global match did not just confirm are asked about: it is
-    one scan, and counts once. A reading is a `Scan`.
+    Only hypotheses that the same scan's global match has not just given a new centre are asked
+    about. A reading is a `Scan`.
     """
 
     reads = "scan"

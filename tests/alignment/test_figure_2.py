@@ -14,13 +14,13 @@ from aprjax.alignment.align import AlignmentConfig
 from aprjax.alignment.cluster import ClusterConfig, centre_of_gravity, contributions
 from aprjax.alignment.correspondence import CorrespondenceConfig, correspondence_matrices
 from aprjax.alignment.rotation import RotationConfig, rotation_peaks
+from experiments import worked_example
+from experiments.worked_example import SAME_POINT, T_1_2
 from tests.oracles.alignment import apart
 from tests.relations.graphs import graph, moved
 
-G_1 = {1: (-3.7588, 1.3681), 2: (0.0, 0.0), 3: (2.4, -1.0), 4: (0.3486, 3.9848)}
-G_2 = {1: (0.8374, -1.8495), 2: (-3.3122, 3.2807), 3: (-0.7410, 0.2165)}
-SAME_POINT = {1: 3, 2: 1, 3: 2}  # anchor of G_2: anchor of G_1
-T_1_2 = np.array([0.75, 0.183, np.radians(30)])
+G_1 = dict(enumerate(map(tuple, worked_example.G_1), 1))
+G_2 = dict(enumerate(map(tuple, worked_example.G_2), 1))
 
 TRUE_PAIRS = {((1, 2), (2, 3)), ((1, 3), (1, 2)), ((2, 3), (1, 3))}
 FALSE_PAIR = ((2, 4), (2, 3))

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from aprjax.io.log import LogEntry
 from aprjax.metrics import is_right
 from experiments.particle_filter import CELL, LikelihoodField, ParticleFilter
 from tests.worlds import free_pose, office, scan_at
@@ -38,10 +39,8 @@ def drive(steps):
 def test_a_robot_is_found_from_anywhere_by_driving(floor):
     plan, field = floor
     made = ParticleFilter(field, 20_000, seed=0)
-    for pose in drive(16):
-        made.move(pose)
-        made.observe(scan_at(plan, pose))
-    pose, weight = made.strongest()
+    entries = [LogEntry(scan_at(plan, pose), odometry=pose) for pose in drive(16)]
+    *_, (pose, weight, _) = made.follow(entries)
     assert is_right(pose, drive(16)[-1])
     assert weight > 0.5
 

@@ -36,6 +36,7 @@ class Expected(NamedTuple):
 
 
 ALL = (("split", "mean"), ("references", "all"))
+IMAGES = (("sources", "defaults and images"),)
 THOUSAND = (("references", "1000"),)
 EXPECTED = {
     "worked_example": Expected(
@@ -131,8 +132,9 @@ EXPECTED = {
     "course": Expected(
         ("configuration.json", "course.png", "cycles.png"),
         (
-            Within("course.csv", "strongest_is_right", 0.97, 1.0),
-            Within("course.csv", "committed_wrong", 0.0, 0.01),
+            Within("course.csv", "strongest_is_right", 0.97, 1.0, IMAGES),
+            Within("course.csv", "committed_wrong", 0.0, 0.01, IMAGES),
+            Within("course.csv", "strongest_is_right", 0.0, 0.97, (("sources", "2000 particles"),)),
         ),
     ),
     "soak": Expected(

@@ -633,16 +633,19 @@ def test_in_silence_other_sources_find_the_robot_again():
     assert made.belief.situation is Situation.TRACKING
 
 
-def test_a_robot_that_hears_nothing_for_minutes_is_lost():
+def test_a_robot_that_hears_nothing_for_half_a_minute_is_lost_and_found_again():
     made = sure()
     made.move(stamp=0.0, step=drive(0.0))
     probabilities = [made.belief.best.probability]
-    for stamp in range(10, 610, 10):
+    for stamp in range(5, 35, 5):
         made.observe(stamp=float(stamp), other=None)
         probabilities.append(made.belief.best.probability)
     assert made.belief.situation is Situation.LOST
     assert np.all(np.diff(probabilities) <= 0)
     assert made.rest == pytest.approx(1 - probabilities[-1])
+    made.observe(stamp=31.0, estimates=[at(0, probability=0.99)])
+    assert made.belief.situation is Situation.TRACKING
+    assert made.belief.best.radius < 1.0
 
 
 @pytest.mark.parametrize("deviation", [1e2, 3e4])
@@ -659,6 +662,7 @@ def test_volumes_without_room_to_grow_are_taken():
     made = sure(config=TrackerConfig(evidence=EvidenceConfig(volume=volume)))
     made.move(step=drive(1.0, deviation=0.0))
     made.observe(estimates=[at(0, 1.0)])
+    assert made.belief.best.probability > 0.5
     assert total(made.belief) == pytest.approx(1.0)
 
 
