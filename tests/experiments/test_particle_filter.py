@@ -39,7 +39,7 @@ def drive(steps):
 def test_a_robot_is_found_from_anywhere_by_driving(floor):
     plan, field = floor
     made = ParticleFilter(field, 20_000, seed=0)
-    entries = [LogEntry(scan_at(plan, pose), odometry=pose) for pose in drive(16)]
+    entries = [LogEntry(scan_at(plan, pose), pose, 0.0, "", None, 1) for pose in drive(16)]
     *_, (pose, weight, _) = made.follow(entries)
     assert is_right(pose, drive(16)[-1])
     assert weight > 0.5
