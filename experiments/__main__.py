@@ -40,6 +40,8 @@ class Experiment:
         return [*command, "--out", str(out), *(self.quick if quick else ())]
 
 
+FEW = "features.extraction.surface", "match.alignment.min_anchors"
+
 EXPERIMENTS = {
     "worked_example": Experiment("Fig. 2 of the paper"),
     "anchors": Experiment("Fig. 1, and how repeatable anchors are"),
@@ -56,7 +58,10 @@ EXPERIMENTS = {
     "scaling": Experiment("time over references, anchors and beams"),
     "all_against_all": Experiment("the FLIRT protocol: every scan against every other"),
     "cascade": Experiment("what the shortlist loses"),
-    "defaults": Experiment("what each default is worth", ("--quick", "--stride", "16")),
+    "defaults": Experiment(
+        "what each default is worth",
+        ("--quick", "--stride", "16", "--only", *FEW),
+    ),
     "robustness": Experiment("noise, changes, view, distance"),
     "pose_error": Experiment("errors of poses, and their covariances"),
     "calibration": Experiment("the probability of being right"),

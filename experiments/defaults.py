@@ -1,6 +1,6 @@
 """What each default is worth: every threshold and capacity halved and doubled.
 
-    python -m experiments.defaults --out DIR [--quick] [--stride N]
+    python -m experiments.defaults --out DIR [--quick] [--stride N] [--only SETTING ...]
 
 Walks `FeatureConfig` and `MatchConfig`; all else keeps its default. Four splits of real logs (see
 `data.py` for where) are matched with all references, every fourth query of them. One row for each
@@ -10,7 +10,7 @@ effect, and the settings that are left out with the reason; writes `defaults.csv
 `configuration.json`, and `defaults.png`, the settings of the greatest effect, into DIR.
 
 Thresholds compile nothing; a capacity compiles anew for each value and split. With --quick
-capacities are left out.
+capacities are left out. --only measures the settings named, with all below them.
 """
 
 import argparse
@@ -67,6 +67,10 @@ class Setting:
     def name(self) -> str:
         """The path with dots."""
         return ".".join(self.path)
+
+    def is_below(self, name: str) -> bool:
+        """Whether `name` is its own, or that of a configuration it is part of."""
+        return f"{self.name}.".startswith(f"{name}.")
 
     @property
     def capacity(self) -> bool:
@@ -160,18 +164,23 @@ def main() -> int:
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
     parser.add_argument("--quick", action="store_true", help="thresholds only")
     parser.add_argument("--stride", type=int, default=4, metavar="N", help="every N-th query")
+    parser.add_argument("--only", nargs="+", default=[], metavar="SETTING", help="these alone")
     arguments = parser.parse_args()
     if arguments.stride < 1:
         parser.error(f"--stride: {arguments.stride} is not a positive number")
-    splits = [read_split(name, arguments.stride) for name in FOUR]
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    write_configuration(arguments.out, splits=FOUR, every=arguments.stride)
-
     config = {"features": to_dict(aprjax.FeatureConfig()), "match": to_dict(aprjax.MatchConfig())}
     everything = list(settings(config))
     varied = [setting for setting in everything if setting.reason is None]
+    for name in arguments.only:
+        if not any(setting.is_below(name) for setting in varied):
+            parser.error(f"--only: no setting that is varied has the name {name}")
+    if arguments.only:
+        varied = [s for s in varied if any(s.is_below(name) for name in arguments.only)]
     if arguments.quick:
         varied = [setting for setting in varied if not setting.capacity]
+    splits = [read_split(name, arguments.stride) for name in FOUR]
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    write_configuration(arguments.out, splits=FOUR, every=arguments.stride)
     # Thresholds first: they share what is compiled for the defaults.
     varied.sort(key=lambda setting: setting.capacity)
 

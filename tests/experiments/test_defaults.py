@@ -44,3 +44,9 @@ def test_capacities_stay_whole_and_thresholds_double():
 @pytest.mark.parametrize("value", [None, True, 0.0, 0])
 def test_what_is_no_number_or_zero_is_left_out(value):
     assert Setting(("stage", "size"), value).reason
+
+
+def test_a_setting_is_below_itself_and_what_it_is_part_of():
+    setting = Setting(("match", "alignment", "agreement"), 0.25)
+    assert all(map(setting.is_below, ("match", "match.alignment", "match.alignment.agreement")))
+    assert not any(map(setting.is_below, ("", "features", "match.align", "match.alignment.ag")))
