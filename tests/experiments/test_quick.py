@@ -37,6 +37,7 @@ class Expected(NamedTuple):
 
 ALL = (("split", "mean"), ("references", "all"))
 IMAGES = (("sources", "defaults and images"),)
+WINDOW = (("setting", "features.extraction.surface.window"),)
 THOUSAND = (("references", "1000"),)
 EXPECTED = {
     "worked_example": Expected(
@@ -96,6 +97,50 @@ EXPECTED = {
             Within("ablations.csv", "hits", 0.9, 1.0, (("variant", "defaults"),)),
             Within("ablations.csv", "confident_wrong", 0, 0, (("variant", "defaults"),)),
             Within("ablations.csv", "hits", 0.5, 0.85, (("variant", "no jump edges"),)),
+        ),
+    ),
+    "cascade": Expected(
+        ("configuration.json", "cascade.png"),
+        (
+            Within("cascade.csv", "top1", 0.8, 1.0),
+            Within("cascade.csv", "top1_all", 0.8, 1.0),
+            Within("cascade.csv", "lost", 0, 3),
+        ),
+    ),
+    "defaults": Expected(
+        ("configuration.json", "defaults.png"),
+        (
+            Within("defaults.csv", "top1_halved", 0.85, 1.0),
+            Within("defaults.csv", "top1_doubled", 0.91, 1.0, (("setting", "(defaults)"),)),
+            Within("defaults.csv", "effect", 0.03, 0.2, WINDOW),
+        ),
+    ),
+    "robustness": Expected(
+        ("configuration.json", "noise.png", "changes.png", "view.png", "resolution.png"),
+        (
+            Within("robustness.csv", "confident_wrong", 0.0, 0.0),
+            Within("robustness.csv", "confident_right", 0.9, 1.0, (("value", "0.0"),)),
+            Within("robustness.csv", "confident_right", 0.0, 0.3, (("value", "0.1"),)),
+            Within("robustness.csv", "top1", 0.5, 0.85, (("value", "0.5"),)),
+            Within("robustness.csv", "top1", 0.8, 1.0, (("job", "view"),)),
+        ),
+    ),
+    "clutter": Expected(
+        ("configuration.json", "clutter.png"),
+        (
+            Within("clutter.csv", "anchors", 9.0, 15.0),
+            Within("clutter.csv", "repeatability", 0.3, 0.75),
+            Within("clutter.csv", "repeatability", 0.6, 0.75, (("place", "lab 0"),)),
+            Within("clutter.csv", "small_share", 0.03, 0.13),
+        ),
+    ),
+    "occupancy_grid": Expected(
+        ("configuration.json", "map.yaml", "map.pgm", "grid.png"),
+        (
+            Within("occupancy_grid.csv", "right", 0.9, 1.0),
+            Within("occupancy_grid.csv", "confident_right", 0.8, 1.0),
+            Within("occupancy_grid.csv", "confident_wrong", 0.0, 0.0),
+            Within("occupancy_grid.csv", "median_m", 0.0, 0.06),
         ),
     ),
     "signature": Expected(
