@@ -284,7 +284,8 @@ def draw_course(told: Course, found: dict[str, list[Belief]]) -> Figure:
 
 def draw_cycles(told: Course, beliefs: Sequence[Belief]) -> Figure:
     """The paper's Fig. 7."""
-    figure = Figure(figsize=(15, 18.5), layout="constrained")
+    figure = Figure(figsize=(15, 18.7))
+    figure.set_layout_engine("constrained", h_pad=0.12)  # inches, for the legends below
     frame = assemble(told.world)
     panels = figure.subplots(2, 2).flat
     for ax, cycle in zip(panels, CYCLES, strict=True):
