@@ -9,6 +9,7 @@ too, as JAX's portable StableHLO, and later processes call that.
 import hashlib
 import threading
 import warnings
+import weakref
 from collections.abc import Callable
 from dataclasses import fields
 from functools import cache, cached_property
@@ -36,6 +37,10 @@ class _Store(NamedTuple):
 
 
 _store: _Store | None = None
+_programs: "weakref.WeakSet[Program[Any]]" = weakref.WeakSet()
+_FEW = 4  # programs that are kept in any case: there is no forgetting at every call
+_LIMIT = Path("/proc/sys/vm/max_map_count")
+_CROWDED = 0.7  # of the memory mappings that a process may have
 
 
 def keep_traces(folder: Path | None) -> None:
@@ -63,11 +68,20 @@ class Program(Generic[_Result]):
         self._function, self._returns, self._static = function, returns, static
         self._kept: dict[Any, Callable[[list[Any]], _Result]] = {}
         self._lock = threading.Lock()
+        _programs.add(self)
 
     @property
     def compiled(self) -> int:
-        """How many programs this process has compiled or loaded."""
-        return self._jitted._cache_size() + len(self._kept)
+        """How many programs this process has compiled or loaded, and not forgotten."""
+        jitted = self.__dict__.get("_jitted")
+        return (0 if jitted is None else jitted._cache_size()) + len(self._kept)
+
+    def forget(self) -> None:
+        """Let go of what was compiled or loaded."""
+        with self._lock:
+            self._kept.clear()
+            if "_jitted" in self.__dict__:
+                self._jitted.clear_cache()
 
     @cached_property
     def _jitted(self) -> Any:
@@ -76,6 +90,13 @@ class Program(Generic[_Result]):
         )
 
     def __call__(self, *arguments: Any, **static: Any) -> _Result:
+        before = self.compiled
+        result = self._called(*arguments, **static)
+        if self.compiled > before:
+            _make_room()
+        return result
+
+    def _called(self, *arguments: Any, **static: Any) -> _Result:
         store = _store
         leaves, structure = (None, None) if store is None else jax.tree.flatten(arguments)
         if store is None or leaves is None or not _plain(leaves):
@@ -127,6 +148,25 @@ class Program(Generic[_Result]):
             except Exception as error:  # what is compiled serves this process all the same
                 warnings.warn(f"{path}: not kept for later processes ({error})", stacklevel=3)
         return lambda leaves: jax.tree.unflatten(result, called(*leaves))
+
+
+def _make_room() -> None:
+    """Forget all programs if there may be no room for another one."""
+    programs = list(_programs)
+    if sum(program.compiled for program in programs) > _FEW and _crowded():
+        for program in programs:
+            program.forget()
+
+
+def _crowded(
+    share: float = _CROWDED, process: Path = Path("/proc/self/maps"), limit: Path = _LIMIT
+) -> bool:
+    """Whether this process has that share of the memory mappings it may have; only Linux tells."""
+    try:
+        taken = process.read_bytes().count(b"\n")
+        return taken > share * int(limit.read_text())
+    except (OSError, ValueError):
+        return False
 
 
 _SETTINGS = ("jax_enable_x64", "jax_default_matmul_precision", "jax_default_device")

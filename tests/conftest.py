@@ -7,6 +7,7 @@ from pathlib import Path
 import jax
 import pytest
 
+from aprjax import programs
 from experiments.data import data_root
 
 
@@ -23,6 +24,14 @@ def _strict_jax():
     """Refuse silent promotion of dtypes and ranks: the engine spells both out."""
     jax.config.update("jax_numpy_dtype_promotion", "strict")
     jax.config.update("jax_numpy_rank_promotion", "raise")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _room():
+    """Forget what was compiled before `programs` would, in the midst of a test that counts."""
+    yield
+    if programs._crowded(0.5):
+        jax.clear_caches()
 
 
 @pytest.fixture(scope="session")

@@ -1,7 +1,9 @@
 """Programs that are kept for later processes: here, for other `Program`s of the same function."""
 
+import gc
 import subprocess
 import sys
+import weakref
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -13,7 +15,7 @@ import pytest
 from jax import export
 from jaxtyping import Array, Float
 
-from aprjax import batch, references
+from aprjax import batch, programs, references
 from aprjax.batch import match_batch
 from aprjax.features import Features
 from aprjax.matcher import MatchResult
@@ -199,3 +201,65 @@ def test_answers_by_a_trace_are_those_without_to_the_bit(folder):
 def again(program: Program) -> Program:
     """The program as a new process would have it."""
     return Program(program._function, program._returns, program._static)
+
+
+def mappings():
+    return Path("/proc/self/maps").read_bytes().count(b"\n")
+
+
+@pytest.mark.skipif(not programs._LIMIT.exists(), reason="Linux alone bounds memory mappings")
+@pytest.mark.parametrize("kept", [False, True])
+def test_forgotten_programs_give_their_memory_mappings_back(kept, tmp_path):
+    def long(numbers):
+        for factor in range(40):
+            numbers = jnp.sort(jnp.sin(numbers) * factor) + jnp.cumsum(numbers)
+        return Outcome(jnp.sum(numbers), Inner(numbers))
+
+    keep_traces(tmp_path if kept else None)
+    try:
+        program = Program(long, Outcome)
+        program(NUMBERS)
+        program.forget()
+        gc.collect()
+        before = mappings()
+        for length in range(4, 8):
+            program(np.ones(length, np.float32))
+        taken = mappings() - before
+        assert program.compiled == 4
+        program.forget()
+        gc.collect()
+        assert program.compiled == 0
+        assert mappings() - before < 0.5 * taken
+    finally:
+        keep_traces(None)
+
+
+@pytest.mark.parametrize("kept", [False, True])
+def test_where_room_is_short_programs_are_forgotten_and_answer_as_before(
+    kept, fresh, tmp_path, monkeypatch
+):
+    keep_traces(tmp_path if kept else None)
+    monkeypatch.setattr(programs, "_programs", weakref.WeakSet())
+    monkeypatch.setattr(programs, "_FEW", 2)
+    try:
+        program, other = fresh(), fresh()
+        for length in (1, 2):
+            program(np.ones(length, np.float32), factor=2.0)
+        monkeypatch.setattr(programs, "_crowded", lambda: True)
+        assert program.compiled == 2
+        assert other(NUMBERS, factor=2.0).total == 2.0 * NUMBERS.sum()
+        assert (program.compiled, other.compiled) == (0, 0)
+        for _ in range(3):
+            assert program(np.ones(2, np.float32), factor=2.0).total == 4.0
+        assert program.compiled == 1
+    finally:
+        keep_traces(None)
+
+
+def test_a_process_is_crowded_by_its_mappings_and_where_none_are_told_it_is_not(tmp_path):
+    maps, limit = tmp_path / "maps", tmp_path / "limit"
+    assert not programs._crowded(0.7, maps, limit)
+    limit.write_text("100\n")
+    for lines, crowded in ((60, False), (80, True)):
+        maps.write_text("7f00 r-xp\n" * lines)
+        assert programs._crowded(0.7, maps, limit) is crowded
