@@ -37,6 +37,7 @@ class Expected(NamedTuple):
 
 ALL = (("split", "mean"), ("references", "all"))
 IMAGES = (("sources", "defaults and images"),)
+HYPOTHESES = (("method", "hypotheses"),)
 WINDOW = (("setting", "features.extraction.surface.window"),)
 THOUSAND = (("references", "1000"),)
 EXPECTED = {
@@ -153,6 +154,33 @@ EXPECTED = {
             Within("pose_error.csv", "median_m", 0.0, 0.01, (("lab", "all"),)),
             Within("pose_error.csv", "median_deg", 0.0, 0.1, (("lab", "all"),)),
             Within("pose_error.csv", "inside_95", 0.9, 1.0, (("lab", "all"),)),
+        ),
+    ),
+    "maps": Expected(
+        ("configuration.json", "belgioioso.png"),
+        (
+            Within("maps.csv", "false_arcs", 0, 0),
+            Within("maps.csv", "recognized", 0.9, 1.0),
+            Within("maps.csv", "arc_m", 0.0, 0.05),
+            Within("maps.csv", "arc_deg", 0.0, 0.6),
+            Within("maps.csv", "half_false_arcs", 0, 0),
+        ),
+    ),
+    "tracks": Expected(
+        ("configuration.json", "tracks.png", "belgioioso.interleaved.csv"),
+        (
+            Within("tracks.csv", "right", 0.95, 1.0),
+            Within("tracks.csv", "committed_right", 0.9, 1.0),
+            Within("tracks.csv", "committed_wrong", 0.0, 0.02),
+            Within("tracks.csv", "first_fix_m", 0.0, 2.0),
+        ),
+    ),
+    "kidnappings": Expected(
+        ("configuration.json", "kidnappings.png"),
+        (
+            Within("kidnappings.csv", "recovered_8_m", 1, 1, HYPOTHESES),
+            Within("kidnappings.csv", "committed_right", 0.85, 1.0, HYPOTHESES),
+            Within("kidnappings.csv", "committed_wrong", 0.0, 0.02, HYPOTHESES),
         ),
     ),
     "office": Expected(
