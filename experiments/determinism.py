@@ -50,7 +50,7 @@ def commands(inputs: Path) -> dict[str, tuple[str, ...]]:
 
 def run(words: tuple[str, ...], out: Path, cache: Path) -> dict[str, bytes]:
     """What a command writes and prints, without measured times."""
-    out.mkdir(parents=True)
+    out.mkdir(parents=True, exist_ok=True)
     done = subprocess.run(
         [sys.executable, "-m", "aprjax.cli.main", "--cache", *(w.format(out=out) for w in words)],
         capture_output=True, check=False,
