@@ -40,8 +40,8 @@ A `ReferenceSet` takes some 25 kB a reference; while a query votes, 12 kB a refe
 core, and `chunk` queries at a time bound all else. `aprjax.sharding` spreads references over
 devices, `aprjax.catalogue` keeps a million of them in little memory.
 
-Linux bounds how many programs a process can hold: on a CPU, some 25 of the matcher's. Before that,
-aprjax forgets those it has compiled, and what is called again is compiled again, or loaded
+Linux bounds how many programs a process can hold: on a CPU, a few dozen of the matcher's. Before
+that, aprjax forgets those it has compiled, and what is called again is compiled again, or loaded
 (`aprjax.programs`).
 
 Results lie on the host, as NumPy arrays. Importing aprjax compiles nothing and touches no device.
