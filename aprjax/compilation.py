@@ -36,9 +36,9 @@ grow with it, the looks at alternatives and the synthetic scans do not. `python 
 measures all this on the machine at hand, and `python -m benchmarks stages` says where the time
 goes.
 
-A `ReferenceSet` takes some 25 kB a reference; while a query votes, 12 kB a reference more on each
-core, and `chunk` queries at a time bound all else. `aprjax.sharding` spreads references over
-devices, `aprjax.catalogue` keeps a million of them in little memory.
+A `ReferenceSet` takes some 25 kB a reference; while a query votes, 3 MB and 0.6 kB a reference more
+on each core, and `chunk` queries at a time bound all else. `aprjax.sharding` spreads references
+over devices, `aprjax.catalogue` keeps a million of them in little memory.
 
 Linux bounds how many programs a process can hold: on a CPU, a few dozen of the matcher's. Before
 that, aprjax forgets those it has compiled, and what is called again is compiled again, or loaded

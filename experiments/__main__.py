@@ -75,7 +75,7 @@ EXPERIMENTS = {
     "kidnappings": Experiment("the kidnapped robot in simulation"),
     "soak": Experiment("a day of tracking with sources that fail"),
     "determinism": Experiment("every command twice, compared", ("info", "match", "map show")),
-    "kills": Experiment("processes killed while they write", ("match", "build", "--kills", "2")),
+    "kills": Experiment("processes killed while they write", ("match", "--kills", "2")),
     "idc": Experiment("iterative dual correspondence"),
     "scan_classifier": Experiment("classes of real scans", ("--seeds", "1")),
     "image_classifier": Experiment("classes of simulated images", ("--floors", "1")),

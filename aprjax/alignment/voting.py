@@ -93,37 +93,80 @@ def vote(
 
     A reference's cells are divided at random into `places` parts, and of each part the best
     `poses` of all references are kept: next to the best of all, at a fraction of the time. Equals
-    are in the order of their rows. Raises `ValueError` for more pairs of edges than 32 bits can
-    number (some 70 000 references).
+    are in the order of their rows.
     """
-    rows, grids = k_m.shape[0], range(config.grids)
+    rows = k_m.shape[0]
     centre = _centre(query)
     length, edges = _edges(query, centre)
-    begin, end = table.window(length, config.length)
-    slots = table.length.shape[0]
-    if 2 * length.shape[0] * slots > np.iinfo(np.int32).max:
-        raise ValueError(
-            f"references: {rows} of them with {length.shape[0]} edges each are more than 32 "
-            "bits number; match them in several sets, or with fewer anchors"
-        )
+    begin, end = table.windows(length, config.length)
+    end = jnp.where(jnp.arange(length.shape[0]) < query.edges, end, begin)
+    blocks, slots = table.length.shape
+    height = -(-rows // blocks)
 
-    # Blocks of the table, edge after edge of the query; so many belong to the edges up to each.
-    mine = (end - begin + _BLOCK - 1) // _BLOCK
-    mine = jnp.where(jnp.arange(mine.shape[0]) < query.edges, mine, 0)
+    def one(of: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+        return _best_of_block(*of, table, edges, height, config)
+
+    count, pair = jax.lax.map(one, (jnp.arange(blocks, dtype=jnp.int32), begin, end))
+    count, pair = count.reshape(-1), pair.reshape(-1)
+
+    pairs = k_m * jnp.maximum(query.edges.astype(jnp.float32), 1.0)
+    weight = jnp.where(allowed, jax.lax.rsqrt(jnp.maximum(pairs, 1.0)), 0.0)
+    votes = count.astype(jnp.float32).reshape(-1, config.grids, config.places)[:rows]
+    rating = (votes * weight[:, None, None]).reshape(-1, config.places).T
+    rating, row = jax.lax.top_k(rating, min(config.poses, rating.shape[1]))
+    place = (row * config.places + jnp.arange(config.places)[:, None]).reshape(-1)
+    rating, row = rating.reshape(-1), row.reshape(-1) // config.grids
+    pair = jnp.maximum(pair[place], 0)
+    slot = row // height * slots + pair // 2 % slots
+    T_ref_query = _pose(table, slot, edges, pair // 2 // slots, pair % 2, centre)
+    return Votes(
+        T_ref_query=jnp.where((rating > 0)[:, None], T_ref_query, 0.0),
+        row=row,
+        count=count[place],
+        rating=rating,
+        valid=rating > 0,
+    )
+
+
+def _best_of_block(
+    block: Int[Array, ""],
+    begin: Int[Array, " k"],
+    end: Int[Array, " k"],
+    table: EdgeTable,
+    edges: Float[Array, "fields k"],
+    height: int,
+    config: VotingConfig,
+) -> tuple[Int[Array, " parts"], Int[Array, " parts"]]:
+    """Of each part of the cells of a block's `height` references: the most votes of a cell, and
+    the longest edges that voted for it, by their number; -1 where none did.
+
+    Slots `begin` to `end` of the block correspond to each edge of the query. Their pairs are
+    numbered, both senses, edge after edge of the query.
+    """
+    slots, grids = table.length.shape[1], range(config.grids)
+    # Runs of slots, edge after edge of the query; so many belong to the edges up to each.
+    mine = (end - begin + _RUN - 1) // _RUN
     upto = jnp.cumsum(mine)
+    geometry, rows = table.geometry.reshape(len(Geometry._fields), -1), table.row.reshape(-1)
 
     def load(round_: Int[Array, ""]) -> tuple[Array, Array, Array, Array, Array]:
-        """The edges of a few blocks of pairs, their rows, their numbers and which are real."""
-        block = round_ * _BLOCKS + jnp.arange(_BLOCKS, dtype=jnp.int32)
-        k = jnp.sum(upto[None, :] <= block[:, None], axis=1, dtype=jnp.int32)
+        """The edges of a few runs of pairs, their rows, their numbers and which are real."""
+        run = round_ * _RUNS + jnp.arange(_RUNS, dtype=jnp.int32)
+        k = jnp.sum(upto[None, :] <= run[:, None], axis=1, dtype=jnp.int32)
         k = jnp.minimum(k, mine.shape[0] - 1)
-        start = begin[k] + (block - (upto[k] - mine[k])) * _BLOCK
-        end_ = jnp.where(block < upto[-1], end[k], 0)
-        place = jnp.arange(_BLOCKS * _BLOCK, dtype=jnp.int32)
-        k, start, end_ = (jnp.repeat(each, _BLOCK) for each in (k, start, end_))
-        slot = jnp.clip(start + place % _BLOCK, 0, slots - 1)
-        ours, theirs = take(edges, k), take(table.geometry, slot)
-        return ours, theirs, take(table.row, slot), 2 * (k * slots + slot), slot < end_
+        start = begin[k] + (run - (upto[k] - mine[k])) * _RUN
+        end_ = jnp.where(run < upto[-1], end[k], 0)
+        place = jnp.arange(_RUNS * _RUN, dtype=jnp.int32)
+        k, start, end_ = (jnp.repeat(each, _RUN) for each in (k, start, end_))
+        slot = jnp.clip(start + place % _RUN, 0, slots - 1)
+        at = block * slots + slot
+        return (
+            take(edges, k),
+            take(geometry, at),
+            take(rows, at),
+            2 * (k * slots + slot),
+            slot < end_,
+        )
 
     def count(pairs: tuple[Array, ...], boards: tuple[Array, Array]) -> tuple[Array, Array]:
         """The votes of these pairs."""
@@ -133,44 +176,30 @@ def vote(
         for sense, T in enumerate(_either_sense(_Edge(*ours), Geometry(*theirs))):
             pair = jnp.where(real, number + sense, -1)
             for grid in grids:
-                cell = _counter(T, row, grid, rows, config)
+                cell = _counter(T, row, grid, height, config)
                 counters = counters.at[cell].add(one, mode=_IN_BOUNDS)
                 longest = longest.at[cell].max(pair, mode=_IN_BOUNDS)
         return counters, longest
 
-    size = config.depth * config.grids * rows * config.places
-    width = jnp.int16 if query.xy.shape[0] <= _NARROW else jnp.int32
-    boards = jnp.zeros(size, width), jnp.full(size, -1, jnp.int32)
-    rounds = (upto[-1] + _BLOCKS - 1) // _BLOCKS
+    parts = height * config.grids * config.places
+    width = jnp.int16 if edges.shape[1] <= _NARROW else jnp.int32
+    boards = jnp.zeros(config.depth * parts, width), jnp.full(config.depth * parts, -1, jnp.int32)
+    rounds = (upto[-1] + _RUNS - 1) // _RUNS
     counters, longest = in_turn(rounds, load, count, boards)
 
     # Count and counter in one integer make this a plain maximum, which XLA vectorises.
-    counters = counters.reshape(config.depth, -1).astype(jnp.int32)
+    counters = counters.reshape(config.depth, parts).astype(jnp.int32)
     level = jnp.arange(config.depth, dtype=jnp.int32)[:, None]
     best = jnp.max(counters * config.depth + level, axis=0)
-    pairs = k_m * jnp.maximum(query.edges.astype(jnp.float32), 1.0)
-    weight = jnp.where(allowed, jax.lax.rsqrt(jnp.maximum(pairs, 1.0)), 0.0)
-    votes = (best // config.depth).astype(jnp.float32)
-    rating = votes.reshape(rows, config.grids, config.places) * weight[:, None, None]
-    rating = rating.reshape(-1, config.places).T
-    rating, row = jax.lax.top_k(rating, min(config.poses, rating.shape[1]))
-    place = (row * config.places + jnp.arange(config.places)[:, None]).reshape(-1)
-    pair = jnp.maximum(longest[best[place] % config.depth * best.shape[0] + place], 0)
-    rating, row = rating.reshape(-1), row.reshape(-1) // config.grids
-    return Votes(
-        T_ref_query=jnp.where((rating > 0)[:, None], _pose(table, edges, centre, pair), 0.0),
-        row=row,
-        count=best[place] // config.depth,
-        rating=rating,
-        valid=rating > 0,
-    )
+    pair = take(longest, best % config.depth * parts + jnp.arange(parts, dtype=jnp.int32))
+    return best // config.depth, pair
 
 
 _IN_BOUNDS = "promise_in_bounds"
-_BLOCK, _BLOCKS = 32, 32
-"""Edges of the table in a block, and blocks that vote in one round."""
-_NARROW = 64
-"""Most anchors whose votes are counted in 16 bits: half the memory that a query's votes take.
+_RUN, _RUNS = 16, 128
+"""Slots of the table in a run, and runs that vote in one round."""
+_NARROW = 64 * 63 // 2
+"""Most edges of a query whose votes are counted in 16 bits, those of 64 anchors.
 
 A cell's count grows with the edges of either graph, and these with the square of the anchors: 128
 at random in 4 m x 4 m, matched with themselves, gave one cell 38 311 votes, which 16 bits do not
@@ -240,16 +269,17 @@ def _counter(
 
 def _pose(
     table: EdgeTable,
+    slot: Int[Array, " poses"],
     edges: Float[Array, "fields k"],
+    k: Int[Array, " poses"],
+    sense: Int[Array, " poses"],
     centre: Float[Array, "2"],
-    pair: Int[Array, " poses"],
 ) -> Pose:
-    """T_ref_query of numbered pairs of edges."""
-    slots = table.length.shape[0]
-    ours, theirs = take(edges, pair // 2 // slots), take(table.geometry, pair // 2 % slots)
+    """T_ref_query that lays the query's edges `k` on those in slots of the table."""
+    theirs = take(table.geometry.reshape(len(Geometry._fields), -1), slot)
     T = jax.tree.map(
-        lambda along, against: jnp.where(pair % 2 == 0, along, against),
-        *_either_sense(_Edge(*ours), Geometry(*theirs)),
+        lambda along, against: jnp.where(sense == 0, along, against),
+        *_either_sense(_Edge(*take(edges, k)), Geometry(*theirs)),
     )
-    turned = rotate(jnp.broadcast_to(centre, (*pair.shape, 2)), T.turn)
+    turned = rotate(jnp.broadcast_to(centre, (*slot.shape, 2)), T.turn)
     return jnp.stack([T.x - turned[:, 0], T.y - turned[:, 1], wrap(T.turn)], axis=-1)

@@ -44,6 +44,10 @@ def listed(votes, names=None):
     """The valid votes in an order that does not depend on that of the references."""
     row = votes.row if names is None else names[votes.row]
     rows = np.column_stack([row, votes.count, votes.rating, votes.T_ref_query])[votes.valid]
+    return in_order(rows)
+
+
+def in_order(rows):
     return rows[np.lexsort(np.round(rows.T, 3))]
 
 
@@ -177,6 +181,22 @@ def test_rows_of_padding_change_nothing(references):
     np.testing.assert_allclose(
         listed(padded.votes(query, allowed)), listed(references.votes(query)), atol=1e-5
     )
+
+
+def test_references_in_several_blocks_get_the_votes_they_get_by_themselves():
+    """With room for all poses, so that none depends on what the others have."""
+    points = [scattered(k, 2 + k % 6) for k in range(300)]
+    config = VotingConfig(poses=1024)
+    query = graph(moved(inverse(POSES[0]), np.concatenate(points[::75])[:14]))
+    whole = References(points)
+    assert whole.table.length.shape[0] > 1
+    parts = [
+        listed(References(points[k : k + 100]).votes(query, config=config), k + np.arange(100))
+        for k in (0, 100, 200)
+    ]
+    found = listed(whole.votes(query, config=config))
+    assert len(found) > 1000
+    np.testing.assert_allclose(found, in_order(np.concatenate(parts)), atol=1e-5)
 
 
 def test_padding_of_the_query_filled_with_nan_changes_nothing(references):

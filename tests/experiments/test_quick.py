@@ -35,6 +35,7 @@ class Expected(NamedTuple):
     figures: tuple[Within, ...]
 
 
+EVERY = (("references", "all"),)
 ALL = (("split", "mean"), ("references", "all"))
 IMAGES = (("sources", "defaults and images"),)
 HYPOTHESES = (("method", "hypotheses"),)
@@ -68,6 +69,17 @@ EXPECTED = {
             Within("table.csv", "false", 0, 1),
         ),
     ),
+    "real_logs": Expected(
+        ("configuration.json", "misses.csv", "reliability.png", "map-fhw.revisit.png"),
+        (
+            Within("real_logs.csv", "top1", 0.9, 1.0, EVERY),
+            Within("real_logs.csv", "top1", 0.1, 0.7, (("references", "1"),)),
+            Within("real_logs.csv", "hits", 0.8, 1.0, EVERY),
+            Within("real_logs.csv", "false", 0, 1, EVERY),
+            Within("real_logs.csv", "error_m", 0.0, 0.06, EVERY),
+            Within("real_logs.csv", "error_deg", 0.0, 0.6, EVERY),
+        ),
+    ),
     "preselection": Expected(
         ("configuration.json", "preselection.png"),
         (
@@ -83,6 +95,10 @@ EXPECTED = {
             Within("recall.csv", "first_64", 0.55, 0.8, (*THOUSAND, ("measure", "q_m"))),
             Within("recall.csv", "first_64", 0.9, 1.0, (*THOUSAND, ("measure", "signature"))),
         ),
+    ),
+    "scaling": Expected(
+        ("configuration.json", "scaling.csv", "scaling.png"),
+        (Within("slopes.csv", "slope", -0.2, 0.9, (("stage", "all of them"),)),),
     ),
     "all_against_all": Expected(
         ("configuration.json", "all_against_all.png", "curves.csv"),
@@ -125,6 +141,10 @@ EXPECTED = {
             Within("robustness.csv", "top1", 0.5, 0.85, (("value", "0.5"),)),
             Within("robustness.csv", "top1", 0.8, 1.0, (("job", "view"),)),
         ),
+    ),
+    "calibration": Expected(
+        ("configuration.json", "calibration.png"),
+        (Within("calibration.csv", "even_e_m", 0.06, 0.11),),
     ),
     "clutter": Expected(
         ("configuration.json", "clutter.png"),
@@ -216,6 +236,16 @@ EXPECTED = {
             Within("soak.csv", "sum_error", 0.0, 1e-9),
             Within("soak.csv", "right", 0.85, 1.0),
             Within("soak.csv", "wrong", 0.0, 0.1),
+        ),
+    ),
+    "determinism": Expected(
+        ("configuration.json",), (Within("determinism.csv", "differing", 0, 0),)
+    ),
+    "kills": Expected(
+        ("configuration.json",),
+        (
+            Within("kills.csv", "kills", 2, 2),
+            Within("kills.csv", "broken", 0, 0),
         ),
     ),
     "idc": Expected(
