@@ -5,7 +5,9 @@
 One chunk of queries goes through the matcher's stages, each compiled by itself (see
 `benchmarks.stages`), on one core: against more and more of the references of intel.interleaved,
 with more and more anchors of a scan, and with more and more of the beams of
-freiburg-079.interleaved. What does not vary is 60 references and the defaults. Writes into DIR:
+freiburg-079.interleaved. What does not vary is 60 references and the defaults. All points of one
+line are measured in turn, again and again, so that a machine that is slow for a while is so for all
+of them. Writes into DIR:
 
 - `scaling.csv`: the median time of a query in each stage, in milliseconds;
 - `slopes.csv`: the exponent of its growth, from a straight line through the logarithms: 1 is
@@ -16,8 +18,11 @@ freiburg-079.interleaved. What does not vary is 60 references and the defaults. 
 import argparse
 import dataclasses
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
@@ -77,17 +82,31 @@ def points(quick: bool) -> Iterator[tuple[str, int, aprjax.Scan, aprjax.Scan, in
         yield "beams", beams, known, queries, default
 
 
-def measured(
-    references: aprjax.Scan, queries: aprjax.Scan, anchors: int, repeats: int
-) -> dict[str, float]:
-    """Milliseconds of a query in each stage."""
+def compiled(
+    references: aprjax.Scan, queries: aprjax.Scan, anchors: int
+) -> dict[str, Callable[[], Any]]:
+    """Each stage, to be called with what it is given."""
     features = aprjax.FeatureConfig(extraction=ExtractionConfig(anchors=anchors))
-    known, found = aprjax.ReferenceSet.build(references, features), {}
-    for stage in stages(queries, known.index, aprjax.MatchConfig()):
-        compiled = jax.jit(stage.function).lower(*stage.arguments).compile()
-        seconds = timed(lambda _: compiled(*stage.arguments), repeats)  # noqa: B023
-        found[stage.name] = 1e3 * float(np.median(seconds)) / len(queries.ranges)
-    return found
+    known = aprjax.ReferenceSet.build(references, features)
+    return {
+        stage.name: partial(
+            jax.jit(stage.function).lower(*stage.arguments).compile(), *stage.arguments
+        )
+        for stage in stages(queries, known.index, aprjax.MatchConfig())
+    }
+
+
+def measured(works: dict[Any, dict[str, Callable[[], Any]]], repeats: int) -> dict[Any, dict]:
+    """Median seconds of the stages at each point, all points taking turns."""
+    seconds = {point: {name: [] for name in work} for point, work in works.items()}
+    for _ in range(repeats):
+        for point, work in works.items():
+            for name, run in work.items():
+                seconds[point][name] += timed(lambda _: run(), 1).tolist()  # noqa: B023
+    return {
+        point: {name: float(np.median(times)) for name, times in of.items()}
+        for point, of in seconds.items()
+    }
 
 
 def slope(values: list[float], times: list[float]) -> float:
@@ -138,12 +157,21 @@ def main() -> int:
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     rows = []
-    for varies, value, references, queries, anchors in points(arguments.quick):
-        print(f"{varies}: {value}", file=sys.stderr, flush=True)
-        times = measured(references, queries, anchors, 2 if arguments.quick else 9)
+    for varies, line in groupby(points(arguments.quick), key=lambda point: point[0]):
+        works, counts = {}, {}
+        for _, value, references, queries, anchors in line:
+            print(f"{varies}: {value}", file=sys.stderr, flush=True)
+            works[value] = compiled(references, queries, anchors)
+            counts[value] = len(queries.ranges)
         rows += [
-            {"varies": varies, "value": value, "stage": stage, "ms": float(f"{ms:.3g}")}
-            for stage, ms in times.items()
+            {
+                "varies": varies,
+                "value": value,
+                "stage": stage,
+                "ms": float(f"{1e3 * seconds / counts[value]:.3g}"),
+            }
+            for value, of in measured(works, 2 if arguments.quick else 9).items()
+            for stage, seconds in of.items()
         ]
     slopes = []
     for varies, stage in dict.fromkeys((row["varies"], row["stage"]) for row in rows):

@@ -93,7 +93,7 @@ def vote(
 
     A reference's cells are divided at random into `places` parts, and of each part the best
     `poses` of all references are kept: next to the best of all, at a fraction of the time. Equals
-    are in the order of their rows.
+    are in the order of their rows. The query has as many slots for anchors as the references have.
     """
     rows = k_m.shape[0]
     centre = _centre(query)
@@ -101,7 +101,7 @@ def vote(
     begin, end = table.windows(length, config.length)
     end = jnp.where(jnp.arange(length.shape[0]) < query.edges, end, begin)
     blocks, slots = table.length.shape
-    height = -(-rows // blocks)
+    height = -(-rows // blocks)  # as `blocks_of` has it
 
     def one(of: tuple[Array, Array, Array]) -> tuple[Array, Array]:
         return _best_of_block(*of, table, edges, height, config)
@@ -117,8 +117,8 @@ def vote(
     place = (row * config.places + jnp.arange(config.places)[:, None]).reshape(-1)
     rating, row = rating.reshape(-1), row.reshape(-1) // config.grids
     pair = jnp.maximum(pair[place], 0)
-    slot = row // height * slots + pair // 2 % slots
-    T_ref_query = _pose(table, slot, edges, pair // 2 // slots, pair % 2, centre)
+    at = row // height * slots + pair // 2 % slots
+    T_ref_query = _pose(table, at, edges, pair // 2 // slots, pair % 2, centre)
     return Votes(
         T_ref_query=jnp.where((rating > 0)[:, None], T_ref_query, 0.0),
         row=row,
@@ -137,11 +137,11 @@ def _best_of_block(
     height: int,
     config: VotingConfig,
 ) -> tuple[Int[Array, " parts"], Int[Array, " parts"]]:
-    """Of each part of the cells of a block's `height` references: the most votes of a cell, and
-    the longest edges that voted for it, by their number; -1 where none did.
+    """Of each part of the cells of a block's `height` references: the most votes of a counter, and
+    which pair of edges, the longest that voted there; -1 where none did.
 
-    Slots `begin` to `end` of the block correspond to each edge of the query. Their pairs are
-    numbered, both senses, edge after edge of the query.
+    Slots `begin` to `end` of the block correspond to each edge of the query. A pair's number is
+    2 (k slots + slot) for edge k of the query, and one more in the other sense.
     """
     slots, grids = table.length.shape[1], range(config.grids)
     # Runs of slots, edge after edge of the query; so many belong to the edges up to each.
@@ -150,7 +150,7 @@ def _best_of_block(
     geometry, rows = table.geometry.reshape(len(Geometry._fields), -1), table.row.reshape(-1)
 
     def load(round_: Int[Array, ""]) -> tuple[Array, Array, Array, Array, Array]:
-        """The edges of a few runs of pairs, their rows, their numbers and which are real."""
+        """The pairs of a few runs: both edges, the row, the number, and whether they are real."""
         run = round_ * _RUNS + jnp.arange(_RUNS, dtype=jnp.int32)
         k = jnp.sum(upto[None, :] <= run[:, None], axis=1, dtype=jnp.int32)
         k = jnp.minimum(k, mine.shape[0] - 1)
@@ -191,8 +191,8 @@ def _best_of_block(
     counters = counters.reshape(config.depth, parts).astype(jnp.int32)
     level = jnp.arange(config.depth, dtype=jnp.int32)[:, None]
     best = jnp.max(counters * config.depth + level, axis=0)
-    pair = take(longest, best % config.depth * parts + jnp.arange(parts, dtype=jnp.int32))
-    return best // config.depth, pair
+    winner = best % config.depth * parts + jnp.arange(parts, dtype=jnp.int32)
+    return best // config.depth, longest.at[winner].get(mode=_IN_BOUNDS)
 
 
 _IN_BOUNDS = "promise_in_bounds"
@@ -269,17 +269,17 @@ def _counter(
 
 def _pose(
     table: EdgeTable,
-    slot: Int[Array, " poses"],
+    at: Int[Array, " poses"],
     edges: Float[Array, "fields k"],
     k: Int[Array, " poses"],
     sense: Int[Array, " poses"],
     centre: Float[Array, "2"],
 ) -> Pose:
-    """T_ref_query that lays the query's edges `k` on those in slots of the table."""
-    theirs = take(table.geometry.reshape(len(Geometry._fields), -1), slot)
+    """T_ref_query that lays the query's edges `k` on those at places of the whole table."""
+    theirs = take(table.geometry.reshape(len(Geometry._fields), -1), at)
     T = jax.tree.map(
         lambda along, against: jnp.where(sense == 0, along, against),
         *_either_sense(_Edge(*take(edges, k)), Geometry(*theirs)),
     )
-    turned = rotate(jnp.broadcast_to(centre, (*slot.shape, 2)), T.turn)
+    turned = rotate(jnp.broadcast_to(centre, (*at.shape, 2)), T.turn)
     return jnp.stack([T.x - turned[:, 0], T.y - turned[:, 1], wrap(T.turn)], axis=-1)

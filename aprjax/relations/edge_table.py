@@ -123,7 +123,7 @@ def _shorter(
     where a bisection has that many in each of its steps.
     """
 
-    def count(some: Float[Array, "*k any"]) -> Int[Array, " k"]:
+    def count(some: Float[Array, "... any"]) -> Int[Array, " k"]:
         below = some <= bound[:, None] if or_equal else some < bound[:, None]
         return jnp.sum(below, axis=-1, dtype=jnp.int32)
 
@@ -133,17 +133,19 @@ def _shorter(
 
 
 _STRIDE = 128
+"""About the square root of the slots of a block, so that both counts are as long."""
 
 
 def blocks_of(rows: int, edges: int) -> tuple[int, int]:
-    """How many blocks so many references with at most so many edges are in, and those of each.
+    """How many blocks there are, and references in each, for `rows` with up to `edges` edges each.
 
-    Of any two edges, the query's and one of the block, both senses can be numbered with 32 bits.
+    What a block's votes take is bounded by `_ROWS`; and 32 bits are to number both senses of each
+    pair of an edge of a query and one of the block.
     """
-    most = max(min(_ROWS, np.iinfo(np.int32).max // (2 * edges**2)), 1)
+    most = min(_ROWS, np.iinfo(np.int32).max // (2 * edges**2))
     blocks = -(-rows // most)
     return blocks, -(-rows // blocks)
 
 
 _ROWS = 256
-"""References in a block, at most: a query's votes for them take 3 MB."""
+"""References in a block, at most: by default, a query's votes for them take 3 MB."""

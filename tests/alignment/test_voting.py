@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 
 from aprjax.alignment.voting import VotingConfig, vote
+from aprjax.relations import edge_table
 from aprjax.relations.edge_table import EdgeTable
 from tests.oracles import voting as oracle
 from tests.oracles.alignment import apart
@@ -44,10 +45,6 @@ def listed(votes, names=None):
     """The valid votes in an order that does not depend on that of the references."""
     row = votes.row if names is None else names[votes.row]
     rows = np.column_stack([row, votes.count, votes.rating, votes.T_ref_query])[votes.valid]
-    return in_order(rows)
-
-
-def in_order(rows):
     return rows[np.lexsort(np.round(rows.T, 3))]
 
 
@@ -183,20 +180,52 @@ def test_rows_of_padding_change_nothing(references):
     )
 
 
-def test_references_in_several_blocks_get_the_votes_they_get_by_themselves():
-    """With room for all poses, so that none depends on what the others have."""
-    points = [scattered(k, 2 + k % 6) for k in range(300)]
-    config = VotingConfig(poses=1024)
-    query = graph(moved(inverse(POSES[0]), np.concatenate(points[::75])[:14]))
-    whole = References(points)
-    assert whole.table.length.shape[0] > 1
-    parts = [
-        listed(References(points[k : k + 100]).votes(query, config=config), k + np.arange(100))
-        for k in (0, 100, 200)
-    ]
-    found = listed(whole.votes(query, config=config))
-    assert len(found) > 1000
-    np.testing.assert_allclose(found, in_order(np.concatenate(parts)), atol=1e-5)
+MANY = [scattered(k, 2 + k % 15) for k in range(29)]
+QUERIES = [
+    moved(inverse(POSES[0]), np.concatenate([MANY[14], MANY[27]])[:14]),
+    partly_seen(),
+    scattered(1, 1),
+]
+
+
+def in_blocks(monkeypatch, rows):
+    """Twenty-nine references, so many in a block at most."""
+    monkeypatch.setattr(edge_table, "_ROWS", rows)
+    return References(MANY)
+
+
+@pytest.mark.parametrize("poses", [3, 64])
+def test_votes_do_not_depend_on_the_blocks_that_references_are_in(monkeypatch, poses):
+    config = VotingConfig(poses=poses)
+    whole, blocks = in_blocks(monkeypatch, 256), in_blocks(monkeypatch, 7)
+    assert whole.table.length.shape == (1, 29 * 120)
+    assert blocks.table.length.shape == (5, 6 * 120)  # of which the last has room for one more
+    for xy in QUERIES:
+        one, other = (each.votes(graph(xy), config=config) for each in (whole, blocks))
+        jax.tree.map(np.testing.assert_array_equal, one, other)
+
+
+def test_queries_that_vote_together_get_what_each_gets_by_itself(monkeypatch):
+    references = in_blocks(monkeypatch, 7)
+    graphs = [jax.device_get(graph(xy)) for xy in QUERIES]
+    allowed = np.ones(len(MANY), bool)
+    together = jax.jit(jax.vmap(vote, (None, None, None, 0, None)))
+    found = together(references.table, references.k_m, allowed, stacked(graphs), VotingConfig())
+    for k, query in enumerate(graphs):
+        wanted = references.votes(query)
+        np.testing.assert_array_equal(found.row[k], wanted.row)
+        np.testing.assert_array_equal(found.count[k], wanted.count)
+        np.testing.assert_allclose(found.rating[k], wanted.rating, rtol=1e-6)
+        np.testing.assert_allclose(found.T_ref_query[k], wanted.T_ref_query, atol=1e-5)
+
+
+def test_edges_that_a_query_does_not_have_vote_for_none(references):
+    """Not even where edges of no length correspond to those that are there."""
+    config = VotingConfig(length=3.0)
+    four, slots = scattered(2, 4), jax.device_get(graph(scattered(2, 4)))
+    found = references.votes(slots, config=config)
+    counted = oracle.cells(GRAPHS, (four, np.ones(4, bool)), config)
+    assert 0 < found.count.sum() <= sum(map(len, counted.values()))
 
 
 def test_padding_of_the_query_filled_with_nan_changes_nothing(references):
