@@ -74,7 +74,7 @@ EXPERIMENTS = {
     "volume": Experiment("Fig. 5, and what volumes hold, in simulation"),
     "kidnappings": Experiment("the kidnapped robot in simulation"),
     "soak": Experiment("a day of tracking with sources that fail"),
-    "determinism": Experiment("every command twice, compared", ("info", "match", "map show")),
+    "determinism": Experiment("every command twice, compared", ("info", "match")),
     "kills": Experiment("processes killed while they write", ("match", "--kills", "2")),
     "idc": Experiment("iterative dual correspondence"),
     "scan_classifier": Experiment("classes of real scans", ("--seeds", "1")),
