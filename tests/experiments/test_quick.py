@@ -70,7 +70,7 @@ EXPECTED = {
         ),
     ),
     "real_logs": Expected(
-        ("configuration.json", "misses.csv", "reliability.png", "map-fhw.revisit.png"),
+        ("configuration.json", "times.csv", "misses.csv", "reliability.png", "map-fhw.revisit.png"),
         (
             Within("real_logs.csv", "top1", 0.9, 1.0, EVERY),
             Within("real_logs.csv", "top1", 0.0, 0.4, (("references", "1"),)),
