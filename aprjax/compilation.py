@@ -36,7 +36,7 @@ grow with it, the looks at alternatives and the synthetic scans do not. `python 
 measures all this on the machine at hand, and `python -m benchmarks stages` says where the time
 goes.
 
-A `ReferenceSet` takes some 25 kB a reference; while a query votes, 3 MB and 0.6 kB a reference more
+A `ReferenceSet` takes some 25 kB a reference; while a query votes, 3 MB and 0.8 kB a reference more
 on each core, and `chunk` queries at a time bound all else. `aprjax.sharding` spreads references
 over devices, `aprjax.catalogue` keeps a million of them in little memory.
 
