@@ -12,10 +12,11 @@ matched globally with all references, with the 5 and with the 1 of the highest p
   and at_1%: the same with at most that share of the accepted wrong. Median errors of the right
   ones; expected calibration error of `probability` over all queries, wherever they were taken.
   Of all queries, as the paper counts (2.E): correct and false answers that may be acted on
-  (`confident`), and none. The row `six` has means over the splits of `SIX`, sums of what is counted,
-  but at_0.2% and at_1% with one threshold for all of them.
+  (`confident`), and none. The row `six` has means over the splits of `SIX`, sums of what is
+  counted, but at_0.2% and at_1% with one threshold for all of them.
 - `times.csv`: milliseconds of a query in a batch, and with one scan at a time the mean and the
-  longest of a hundred (not with --quick), compilation apart; `six` has their means, and the longest.
+  longest of a hundred (not with --quick), compilation apart; in the row `six`
+  their means, and the longest of all.
 - `misses.csv`: of the mapped queries whose best hypothesis of all references is not right, how
   many were lost at which stage; see `misses.py`. The last column counts right ones that the
   threshold of hits does not accept.
