@@ -190,14 +190,16 @@ def _plain(leaves: list[Any]) -> bool:
 def compiler_options() -> dict[str, bool | str]:
     """How XLA is to compile the matcher on a CPU.
 
-    By default XLA orders what runs on a CPU so that much of it may run at the same time, and hands
-    sums to a library. Here chunks run at the same time: threads that are handed single small
-    operations cost a quarter of the time, and the library a few hundredths.
+    By default XLA orders what runs on a CPU so that much of it may run at the same time, hands sums
+    to a library, and breaks each into two. Here chunks run at the same time: threads that are
+    handed single small operations cost a quarter of the time, and the library a few hundredths.
+    Sums are short: in two parts they are no faster, and take a seventh longer to compile.
     """
     found: dict[str, bool | str] = {}
     for name, value in (
         ("xla_cpu_enable_concurrency_optimized_scheduler", False),
         ("xla_cpu_experimental_ynn_fusion_type", ""),
+        ("xla_disable_hlo_passes", "tree_reduction_rewriter"),
     ):
         try:
             jax.jit(lambda: 0, compiler_options={name: value}).lower().compile()

@@ -1,6 +1,6 @@
 """How the time of each stage grows with the number of references, anchors and beams.
 
-    python -m experiments scaling --out DIR [--quick]
+    python -m experiments.scaling --out DIR [--quick]
 
 One chunk of queries goes through the matcher's stages, each compiled by itself (see
 `benchmarks.stages`), on one core: against more and more of the references of intel.interleaved,

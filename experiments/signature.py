@@ -1,6 +1,6 @@
 """The discriminant of the signatures, from simulated floors.
 
-    python -m experiments signature --out DIR [--quick]
+    python -m experiments.signature --out DIR [--quick]
 
 Floors as `experiments/million.py` makes them, but others. Histograms of surflet pairs of scans of
 one place, taken within 2 m and 40° of each other, some of them after furniture was moved, differ

@@ -7,6 +7,7 @@ looked up in a view by its bearing: it is on the surface seen there, before it, 
 from dataclasses import replace
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
@@ -55,7 +56,7 @@ class View(eqx.Module):
         """
         size = min(size, self.xy.shape[-2])
         k = jnp.arange(size)
-        return jnp.where(self.beams > size, k * self.beams // size, k), k < self.beams
+        return jnp.where(self.beams > size, jax.lax.div(k * self.beams, size), k), k < self.beams
 
     def pad(self, slots: int) -> "View":
         """The same view with `slots` entries; those added at the end are no hits.
