@@ -45,7 +45,7 @@ from jaxtyping import Array, Float
 
 from aprjax.configuration import capacity, threshold
 from aprjax.tracking.belief import Belief
-from aprjax.tracking.hypothesis import Hypothesis, Step, VolumeConfig
+from aprjax.tracking.hypothesis import Hypothesis, Step, VolumeConfig, held, reset, size
 from aprjax.tracking.neighbours import Neighbours
 from aprjax.tracking.sources import Estimate, Verdict
 from aprjax.world.parts import Place
@@ -81,12 +81,12 @@ def moved(belief: Belief, step: Step, config: EvidenceConfig) -> Belief:
     That grows by leak, by doubt, and by what volumes at their bounds no longer hold.
     """
     kept = (1.0 - float(config.leak)) ** travelled(step, config) * (1.0 - step.doubt)
-    held = config.volume.held
+    volume = config.volume
     left = []
     for before in belief.hypotheses:
-        now, was = before.moved(step, config.volume), held(before.covariance)
+        now, was = before.moved(step, volume), held(before.covariance, volume)
         # A covariance that shrinks on the way back brings nothing back: evidence does.
-        share = min(held(now.covariance) / was, 1.0) if was > 0 else 1.0
+        share = min(held(now.covariance, volume) / was, 1.0) if was > 0 else 1.0
         left.append(replace(now, probability=before.probability * kept * share))
     return replace(belief, hypotheses=tuple(left), rest=_rest(left))
 
@@ -246,7 +246,7 @@ def _recentred(
     config: EvidenceConfig,
 ) -> Hypothesis:
     """About another centre, with the small volume to begin with."""
-    covariance = config.volume.reset(covariance)
+    covariance = reset(covariance, config.volume)
     centred = hypothesis.at(place, covariance, config.volume)
     return replace(centred, reference=reference, unconfirmed=0.0)
 
@@ -260,8 +260,8 @@ def _created(
 ) -> Hypothesis:
     """A new hypothesis, with its part of the rest as its likelihood ratio has `weighed` it."""
     probability = min(weighed, float(config.initial) * total)
-    covariance = config.volume.reset(estimate.covariance)
-    radius, angle = config.volume.size(covariance)
+    covariance = reset(estimate.covariance, config.volume)
+    radius, angle = size(covariance, config.volume)
     return Hypothesis(
         number, estimate.place, covariance, radius, angle, probability, estimate.reference
     )

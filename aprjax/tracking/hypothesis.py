@@ -23,39 +23,51 @@ class VolumeConfig(eqx.Module):
     floor: Float[Array, ""] = threshold(0.05, "metres: deviation of a centre just confirmed")
     turn_floor: Float[Array, ""] = threshold(np.radians(1), "radians, likewise")
 
-    def reset(self, covariance: np.ndarray) -> np.ndarray:
-        """A source's covariance `(3, 3)` with the floors added: the small default of the paper."""
-        floor = np.square([float(self.floor), float(self.floor), float(self.turn_floor)])
-        return np.asarray(covariance, float) + np.diag(floor)
 
-    def size(self, covariance: np.ndarray) -> tuple[float, float]:
-        """r_i in metres and Δ_i in radians about a centre of this covariance `(3, 3)`."""
-        radius, angle = self._wanted(covariance)
-        return min(radius, float(self.largest)), min(angle, float(self.widest))
+# Functions, not methods: each look at a method of an Equinox module makes a module of it, which
+# takes longer than what these compute.
 
-    def held(self, covariance: np.ndarray) -> float:
-        """The share of the probability about such a centre that the bounds of a volume leave in it.
 
-        1 where neither is reached; by a normal distribution along each axis of the covariance. Of a
-        heading of which nothing is known, what `widest` is of all headings stays.
-        """
-        wanted, sized = self._wanted(covariance), self.size(covariance)
-        share = 1.0
-        if wanted[0] > sized[0]:
-            for variance in np.linalg.eigvalsh(covariance[:2, :2]):
-                deviation = math.sqrt(max(variance, 0.0))
-                share *= _within(sized[0], deviation) / _within(wanted[0], deviation)
-        if wanted[1] > sized[1]:
-            turn = turn_spread(covariance)
-            least = sized[1] / math.pi
-            share *= max(_within(sized[1], turn) / _within(wanted[1], turn), least)
-        return share
+def reset(covariance: np.ndarray, config: VolumeConfig) -> np.ndarray:
+    """A source's covariance `(3, 3)` with the floors added: the small default of the paper."""
+    floor = np.square([float(config.floor), float(config.floor), float(config.turn_floor)])
+    return np.asarray(covariance, float) + np.diag(floor)
 
-    def _wanted(self, covariance: np.ndarray) -> tuple[float, float]:
-        """The size without bounds."""
-        k = float(self.deviations)
-        radius = float(self.radius) + k * spread(covariance)
-        return radius, float(self.angle) + k * turn_spread(covariance)
+
+def size(covariance: np.ndarray, config: VolumeConfig) -> tuple[float, float]:
+    """r_i in metres and Δ_i in radians about a centre of this covariance `(3, 3)`."""
+    return _bounded(_wanted(covariance, config), config)
+
+
+def held(covariance: np.ndarray, config: VolumeConfig) -> float:
+    """The share of the probability about such a centre that the bounds of a volume leave in it.
+
+    1 where neither is reached; by a normal distribution along each axis of the covariance. Of a
+    heading of which nothing is known, what `widest` is of all headings stays.
+    """
+    wanted = _wanted(covariance, config)
+    sized = _bounded(wanted, config)
+    share = 1.0
+    if wanted[0] > sized[0]:
+        for variance in np.linalg.eigvalsh(covariance[:2, :2]):
+            deviation = math.sqrt(max(variance, 0.0))
+            share *= _within(sized[0], deviation) / _within(wanted[0], deviation)
+    if wanted[1] > sized[1]:
+        turn = turn_spread(covariance)
+        least = sized[1] / math.pi
+        share *= max(_within(sized[1], turn) / _within(wanted[1], turn), least)
+    return share
+
+
+def _wanted(covariance: np.ndarray, config: VolumeConfig) -> tuple[float, float]:
+    """The size without bounds."""
+    k = float(config.deviations)
+    radius = float(config.radius) + k * spread(covariance)
+    return radius, float(config.angle) + k * turn_spread(covariance)
+
+
+def _bounded(wanted: tuple[float, float], config: VolumeConfig) -> tuple[float, float]:
+    return min(wanted[0], float(config.largest)), min(wanted[1], float(config.widest))
 
 
 def _within(bound: float, deviation: float) -> float:
@@ -98,7 +110,7 @@ class Hypothesis:
 
     def at(self, place: Place, covariance: np.ndarray, config: VolumeConfig) -> "Hypothesis":
         """With another centre, and the volume that its covariance `(3, 3)` asks for."""
-        radius, angle = config.size(covariance)
+        radius, angle = size(covariance, config)
         return replace(self, place=place, covariance=covariance, radius=radius, angle=angle)
 
 

@@ -7,7 +7,7 @@ import jax
 import numpy as np
 
 from aprjax.evaluation.view import View
-from aprjax.features import FeatureConfig, describe
+from aprjax.features import FeatureConfig, seen
 from aprjax.numerics import bucket, single_precision
 from aprjax.scan import Scan
 
@@ -21,7 +21,7 @@ def view_of(scan: Scan, config: FeatureConfig) -> View:
 
 @jax.jit
 def _view(scan: Scan, config: FeatureConfig) -> View:
-    return describe(scan, config).view
+    return seen(scan, config)
 
 
 def state_of_scan(scan: Scan) -> dict[str, Any]:
