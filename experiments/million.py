@@ -9,8 +9,8 @@ within 2 m and 40° of the query on its floor.
 
 Each query ranks the references of its own floor and of more and more others, by the paper's q_m
 and by the signature of `aprjax.evaluation` that succeeds it. Then queries are matched with the
-catalogue of all. Floors are made, and their scans taken, some at a time; that is not timed. Writes
-into DIR:
+catalogue of all. Floors are made, and their scans taken, some at a time, by processes of their own
+(not with --quick); that is not timed. Writes into DIR:
 
 - `recall.csv`: the share of the queries with a right reference among the first 64, over the number
   of references, q_m up to 100 000 of them; `recall.png` draws it;
@@ -83,12 +83,12 @@ class Floors:
     """None where none are asked for."""
 
 
-def floors(numbers: range, asked: int, each: Callable[..., Iterable] = map) -> Floors:
+def floors(numbers: range, asked: int, over: Callable[..., Iterable] = map) -> Floors:
     """These floors, each the same whichever others are made, with so many queries of each.
 
-    `each` maps a function over the floors: `map` here, an executor's in other processes.
+    `over` maps a function over the floors: `map` here, an executor's in other processes.
     """
-    made = list(each(partial(one_floor, asked=asked), numbers))
+    made = list(over(partial(one_floor, asked=asked), numbers))
     poses, queries = (np.concatenate([each[k] for each in made]) for k in (0, 2))
     return Floors(
         floor=np.repeat(numbers, EACH),
@@ -209,11 +209,11 @@ def groups(total: int) -> Iterator[range]:
 
 
 def measured(
-    total: int, queries: int, each: Callable[..., Iterable] = map
+    total: int, queries: int, over: Callable[..., Iterable] = map
 ) -> tuple[list[dict], aprjax.Catalogue, float, Floors]:
     """The table of recalls; the catalogue of all, seconds of inserting them, and the queries."""
     asking = -(-queries // ASKED)
-    first = floors(range(asking), ASKED, each)
+    first = floors(range(asking), ASKED, over)
     assert first.queries is not None
     same = first.query_floor[:, None] == first.floor[None, :]
     right = same & is_near(first.T_floor_ref[None], first.T_floor_query[:, None])
@@ -228,7 +228,7 @@ def measured(
     sizes = [EACH * 10**k for k in range(9)]
     rows += _recalls(rankings, EACH)
     for numbers in _upto(groups(total // EACH), [size // EACH for size in sizes]):
-        here = floors(numbers, 0, each)
+        here = floors(numbers, 0, over)
         began = time.perf_counter()
         catalogue = catalogue.add(here.references)
         jax.block_until_ready(catalogue.blocks[-1].signatures)

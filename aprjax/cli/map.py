@@ -131,10 +131,12 @@ def _build(arguments: argparse.Namespace) -> None:
         world = build_map(entries, progress=progress.advance)
     save_map(world, arguments.out)
     found = cycles(world)
+    closed = f"{len(found)} cycles"
+    if found:
+        closed += f" of which the worst misses its start by {largest_gap(found):.2f} m"
     print(
         f"{len(entries)} scans: {len(world.nodes)} nodes, {world.graph.number_of_edges()} arcs, "
-        f"{len(world.appearances)} references, {len(found)} cycles of which the worst misses its "
-        f"start by {largest_gap(found):.2f} m; {time.monotonic() - start:.1f} s",
+        f"{len(world.appearances)} references, {closed}; {time.monotonic() - start:.1f} s",
         file=sys.stderr,
     )
 
