@@ -313,13 +313,13 @@ def _inverse(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
     size = matrix.shape[0]
     least = jnp.maximum(1e-6 * jnp.diagonal(matrix), jnp.finfo(jnp.float32).tiny)
 
-    # Unrolled, this would be a tenth of what XLA has to compile for a match.
-    def eliminate(k: Array, rows: Array) -> Array:
-        pivot = jnp.maximum(rows[k, k], least[k])
-        factor = jnp.where(jnp.arange(size) > k, rows[:, k] / pivot, 0.0)
-        return rows - factor[:, None] * rows[k][None]
+    def eliminate(k: Array, left: Array) -> Array:
+        pivot = jnp.maximum(left[k, k], least[k])
+        factor = jnp.where(jnp.arange(size) > k, left[:, k] / pivot, 0.0)
+        return left - factor[:, None] * left[k][None]
 
     start = jnp.concatenate([matrix, jnp.eye(size)], axis=1)
+    # Unrolled, this would be a tenth of what XLA has to compile for a match.
     rows = jax.lax.fori_loop(0, size, eliminate, start)
     pivots = jnp.maximum(jnp.diagonal(rows), least)
     half = rows[:, size:] / jnp.sqrt(pivots)[:, None]

@@ -9,8 +9,8 @@ Each stage is jitted by itself and given what the stage before it made of one ch
 - how much of the time the machine's peak (`benchmarks.machine.peak`, all cores together) would
   need for the operations and for the least bytes.
 
-The last row is the chunk as one program, as the matcher compiles it: on one core, where a batch
-gets one for each.
+The last row is the chunk as one program, as the matcher compiles it: one call, where a batch
+makes one for each core.
 """
 
 import sys
@@ -27,6 +27,7 @@ import aprjax
 from aprjax.alignment.voting import Votes, vote
 from aprjax.features import Features, describe
 from aprjax.matcher import Evaluated, evaluate, match_together, rank
+from aprjax.programs import compiler_options
 from aprjax.references import ReferenceIndex
 from aprjax.refine import estimate
 from aprjax.relations.histograms import preselection_quality
@@ -48,6 +49,11 @@ class Stage:
     name: str
     function: Callable[..., Any]
     arguments: tuple[Any, ...]
+
+    def compiled(self) -> jax.stages.Compiled:
+        """By itself, with the options that the matcher is compiled with."""
+        jitted = jax.jit(self.function, compiler_options=compiler_options())
+        return jitted.lower(*self.arguments).compile()
 
 
 def run(quick: bool, out: Path | None) -> int:
@@ -146,7 +152,7 @@ def _match_all(
 
 def row(stage: Stage, pairs: int, most: Peak, repeats: int) -> dict[str, Any]:
     """A row of the table."""
-    compiled = jax.jit(stage.function).lower(*stage.arguments).compile()
+    compiled = stage.compiled()
     seconds = float(np.median(timed(lambda _: compiled(*stage.arguments), repeats)))
     traced, results = jax.make_jaxpr(stage.function, return_shape=True)(*stage.arguments)
     work = operations(traced.jaxpr)

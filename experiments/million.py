@@ -15,8 +15,9 @@ catalogue of all. Floors are made, and their scans taken, some at a time, by pro
 - `recall.csv`: the share of the queries with a right reference among the first 64, over the number
   of references, q_m up to 100 000 of them; `recall.png` draws it;
 - `costs.csv` (not with --quick): references inserted in a second, milliseconds of a query in a
-  batch of 256, the most memory that the process took, and how many of the queries were answered
-  rightly (within 0.5 m and 10°), wrongly and not at all;
+  batch of 256 (median of three batches), the most memory that the process took, those that make
+  floors apart, and how many of the queries were answered rightly (within 0.5 m and 10°), wrongly
+  and not at all;
 - `configuration.json`.
 
 100 000 references by default, with --quick 1000.
@@ -98,6 +99,19 @@ def floors(numbers: range, asked: int, over: Callable[..., Iterable] = map) -> F
         T_floor_query=queries,
         queries=stack(np.concatenate([each[3] for each in made])) if asked else None,
     )
+
+
+def makers() -> ProcessPoolExecutor:
+    """Processes that make floors, one for each core: furnishing is Python's work.
+
+    They keep off an accelerator, which the first process has for itself. They are spawned: forked,
+    they would lack JAX's threads.
+    """
+    return ProcessPoolExecutor(mp_context=get_context("spawn"), initializer=_on_cpu)
+
+
+def _on_cpu() -> None:
+    jax.config.update("jax_platforms", "cpu")
 
 
 def one_floor(number: int, asked: int) -> tuple[np.ndarray, ...]:
@@ -329,8 +343,7 @@ def main() -> int:
     if arguments.quick:
         rows, catalogue, seconds, asked = measured(total, queries)
     else:
-        # Furnishing a floor is Python's work. Forked, JAX's threads would be missing.
-        with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
+        with makers() as pool:
             rows, catalogue, seconds, asked = measured(total, queries, pool.map)
     print_table(rows)
     write_table(rows, arguments.out / "recall.csv")

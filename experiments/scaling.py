@@ -3,8 +3,8 @@
     python -m experiments.scaling --out DIR [--quick]
 
 One chunk of queries goes through the matcher's stages, each compiled by itself (see
-`benchmarks.stages`), on one core: against more and more of the references of intel.interleaved,
-with more and more anchors of a scan, and with more and more of the beams of
+`benchmarks.stages`), one call after the other: against more and more of the references of
+intel.interleaved, with more and more anchors of a scan, and with more and more of the beams of
 freiburg-079.interleaved. What does not vary is 60 references and the defaults. All points of one
 line are measured in turn, again and again, so that a machine that is slow for a while is so for all
 of them. Writes into DIR:
@@ -89,9 +89,7 @@ def compiled(
     features = aprjax.FeatureConfig(extraction=ExtractionConfig(anchors=anchors))
     known = aprjax.ReferenceSet.build(references, features)
     return {
-        stage.name: partial(
-            jax.jit(stage.function).lower(*stage.arguments).compile(), *stage.arguments
-        )
+        stage.name: partial(stage.compiled(), *stage.arguments)
         for stage in stages(queries, known.index, aprjax.MatchConfig())
     }
 

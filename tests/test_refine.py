@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from aprjax.references import ReferenceSet
-from aprjax.refine import RefineConfig, SettleConfig, refine, settle
+from aprjax.refine import RefineConfig, SettleConfig, _inverse, refine, settle
 from aprjax.scan import Scan
 from aprjax.sim.laser import Laser, take_scans
 from aprjax.sim.world import World
@@ -275,3 +275,17 @@ def test_any_views_give_finite_poses_and_positive_definite_covariances():
         assert np.all(np.isfinite(covariance))
         assert np.all(np.linalg.eigvalsh(covariance) > 0)
         np.testing.assert_allclose(covariance, covariance.swapaxes(1, 2), rtol=1e-4, atol=1e-8)
+
+
+def test_a_small_matrix_is_inverted_as_by_lapack():
+    factors = np.random.default_rng(0).normal(size=(6, 5, 5))
+    matrices = factors @ factors.transpose(0, 2, 1) + 0.1 * np.eye(5)
+    found = jax.vmap(_inverse)(matrices.astype(np.float32))
+    np.testing.assert_allclose(found, np.linalg.inv(matrices), rtol=1e-3, atol=1e-3)
+
+
+@pytest.mark.parametrize("matrix", [np.zeros((5, 5)), np.ones((5, 5)), np.diag([1, 1, 0, 1, 1])])
+def test_the_inverse_of_a_singular_matrix_is_finite_and_positive(matrix):
+    found = np.asarray(_inverse(matrix.astype(np.float32)), float)
+    assert np.all(np.isfinite(found))
+    assert np.all(np.diag(found) > 0)

@@ -131,9 +131,9 @@ def _build(arguments: argparse.Namespace) -> None:
         world = build_map(entries, progress=progress.advance)
     save_map(world, arguments.out)
     found = cycles(world)
-    closed = f"{len(found)} cycles"
+    closed = "no cycle"
     if found:
-        closed += f" of which the worst misses its start by {largest_gap(found):.2f} m"
+        closed = f"cycles: {len(found)}, the worst misses its start by {largest_gap(found):.2f} m"
     print(
         f"{len(entries)} scans: {len(world.nodes)} nodes, {world.graph.number_of_edges()} arcs, "
         f"{len(world.appearances)} references, {closed}; {time.monotonic() - start:.1f} s",

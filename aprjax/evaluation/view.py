@@ -56,6 +56,7 @@ class View(eqx.Module):
         """
         size = min(size, self.xy.shape[-2])
         k = jnp.arange(size)
+        # Nothing is negative: `//` would have the rounding of what is compiled, too.
         return jnp.where(self.beams > size, jax.lax.div(k * self.beams, size), k), k < self.beams
 
     def pad(self, slots: int) -> "View":

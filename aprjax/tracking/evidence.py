@@ -45,7 +45,14 @@ from jaxtyping import Array, Float
 
 from aprjax.configuration import capacity, threshold
 from aprjax.tracking.belief import Belief
-from aprjax.tracking.hypothesis import Hypothesis, Step, VolumeConfig, held, reset, size
+from aprjax.tracking.hypothesis import (
+    Hypothesis,
+    Step,
+    VolumeConfig,
+    share_held,
+    volume_size,
+    with_floors,
+)
 from aprjax.tracking.neighbours import Neighbours
 from aprjax.tracking.sources import Estimate, Verdict
 from aprjax.world.parts import Place
@@ -84,9 +91,9 @@ def moved(belief: Belief, step: Step, config: EvidenceConfig) -> Belief:
     volume = config.volume
     left = []
     for before in belief.hypotheses:
-        now, was = before.moved(step, volume), held(before.covariance, volume)
+        now, was = before.moved(step, volume), share_held(before.covariance, volume)
         # A covariance that shrinks on the way back brings nothing back: evidence does.
-        share = min(held(now.covariance, volume) / was, 1.0) if was > 0 else 1.0
+        share = min(share_held(now.covariance, volume) / was, 1.0) if was > 0 else 1.0
         left.append(replace(now, probability=before.probability * kept * share))
     return replace(belief, hypotheses=tuple(left), rest=_rest(left))
 
@@ -246,7 +253,7 @@ def _recentred(
     config: EvidenceConfig,
 ) -> Hypothesis:
     """About another centre, with the small volume to begin with."""
-    covariance = reset(covariance, config.volume)
+    covariance = with_floors(covariance, config.volume)
     centred = hypothesis.at(place, covariance, config.volume)
     return replace(centred, reference=reference, unconfirmed=0.0)
 
@@ -260,8 +267,8 @@ def _created(
 ) -> Hypothesis:
     """A new hypothesis, with its part of the rest as its likelihood ratio has `weighed` it."""
     probability = min(weighed, float(config.initial) * total)
-    covariance = reset(estimate.covariance, config.volume)
-    radius, angle = size(covariance, config.volume)
+    covariance = with_floors(estimate.covariance, config.volume)
+    radius, angle = volume_size(covariance, config.volume)
     return Hypothesis(
         number, estimate.place, covariance, radius, angle, probability, estimate.reference
     )

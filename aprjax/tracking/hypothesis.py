@@ -28,18 +28,18 @@ class VolumeConfig(eqx.Module):
 # takes longer than what these compute.
 
 
-def reset(covariance: np.ndarray, config: VolumeConfig) -> np.ndarray:
+def with_floors(covariance: np.ndarray, config: VolumeConfig) -> np.ndarray:
     """A source's covariance `(3, 3)` with the floors added: the small default of the paper."""
     floor = np.square([float(config.floor), float(config.floor), float(config.turn_floor)])
     return np.asarray(covariance, float) + np.diag(floor)
 
 
-def size(covariance: np.ndarray, config: VolumeConfig) -> tuple[float, float]:
+def volume_size(covariance: np.ndarray, config: VolumeConfig) -> tuple[float, float]:
     """r_i in metres and Δ_i in radians about a centre of this covariance `(3, 3)`."""
     return _bounded(_wanted(covariance, config), config)
 
 
-def held(covariance: np.ndarray, config: VolumeConfig) -> float:
+def share_held(covariance: np.ndarray, config: VolumeConfig) -> float:
     """The share of the probability about such a centre that the bounds of a volume leave in it.
 
     1 where neither is reached; by a normal distribution along each axis of the covariance. Of a
@@ -60,13 +60,14 @@ def held(covariance: np.ndarray, config: VolumeConfig) -> float:
 
 
 def _wanted(covariance: np.ndarray, config: VolumeConfig) -> tuple[float, float]:
-    """The size without bounds."""
+    """The size without bounds: metres, radians."""
     k = float(config.deviations)
     radius = float(config.radius) + k * spread(covariance)
     return radius, float(config.angle) + k * turn_spread(covariance)
 
 
 def _bounded(wanted: tuple[float, float], config: VolumeConfig) -> tuple[float, float]:
+    """The size that a volume of that wanted size has: metres, radians."""
     return min(wanted[0], float(config.largest)), min(wanted[1], float(config.widest))
 
 
@@ -110,7 +111,7 @@ class Hypothesis:
 
     def at(self, place: Place, covariance: np.ndarray, config: VolumeConfig) -> "Hypothesis":
         """With another centre, and the volume that its covariance `(3, 3)` asks for."""
-        radius, angle = size(covariance, config)
+        radius, angle = volume_size(covariance, config)
         return replace(self, place=place, covariance=covariance, radius=radius, angle=angle)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from aprjax.plane import compose, compose_covariance, distance, relative, spread, turn_spread
-from aprjax.tracking.hypothesis import Hypothesis, VolumeConfig, size
+from aprjax.tracking.hypothesis import Hypothesis, VolumeConfig, volume_size
 from aprjax.tracking.sources import Estimate
 from aprjax.world.model import WorldModel
 from aprjax.world.parts import Place
@@ -111,9 +111,9 @@ def merge(estimates: Sequence[Estimate], near: Neighbours, config: VolumeConfig)
     """Estimates that several references give of one place become one, the most probable of them."""
     kept: list[Estimate] = []
     for estimate in sorted(estimates, key=lambda e: -e.probability):
-        volume = size(estimate.covariance, config)
+        radius, angle = volume_size(estimate.covariance, config)
         if not any(
-            near.within(other.place, estimate.place, *volume, float(config.deviations))
+            near.within(other.place, estimate.place, radius, angle, float(config.deviations))
             for other in kept
         ):
             kept.append(estimate)

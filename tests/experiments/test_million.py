@@ -20,6 +20,16 @@ def test_groups_are_divided_where_a_size_is_reached():
     assert [(part.start, part.stop) for part in parts] == [(0, 1), (1, 10), (10, 20), (20, 25)]
 
 
+def test_floors_are_the_same_by_whichever_process():
+    here = million.floors(range(2), 1)
+    with million.makers() as pool:
+        there = million.floors(range(2), 1, pool.map)
+    np.testing.assert_array_equal(here.T_floor_ref, there.T_floor_ref)
+    np.testing.assert_array_equal(here.references.ranges, there.references.ranges)
+    assert here.queries is not None and there.queries is not None
+    np.testing.assert_array_equal(here.queries.ranges, there.queries.ranges)
+
+
 def test_signatures_find_more_right_references_than_q_m_among_a_thousand(tmp_path, monkeypatch):
     monkeypatch.setattr("sys.argv", ["million", "--out", str(tmp_path), "--quick"])
     assert million.main() == 0

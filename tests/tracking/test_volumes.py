@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aprjax.tracking.hypothesis import VolumeConfig, held
+from aprjax.tracking.hypothesis import VolumeConfig, share_held
 
 CONFIG = VolumeConfig()
 
@@ -35,23 +35,25 @@ def sampled(of):
 @pytest.mark.parametrize("turn", [0.1, 2.0, 8.0])
 def test_a_volume_at_its_bounds_holds_what_samples_say(direction, along, across, turn):
     of = covariance(along, across, turn, direction)
-    assert held(of, CONFIG) == pytest.approx(sampled(of), abs=0.03)
+    assert share_held(of, CONFIG) == pytest.approx(sampled(of), abs=0.03)
 
 
 @pytest.mark.parametrize("deviation", [2.0, 4.0])
 def test_alike_in_all_directions_it_is_a_square_that_holds_little_more(deviation):
     of = covariance(deviation, deviation, 0.1)
-    assert 0 < held(of, CONFIG) - sampled(of) < 0.15
+    assert 0 < share_held(of, CONFIG) - sampled(of) < 0.15
 
 
 def test_within_its_bounds_a_volume_holds_all_and_loses_nothing_at_once():
     bound = (CONFIG.largest - CONFIG.radius) / CONFIG.deviations
-    assert held(covariance(0.999 * bound, 0.0, 0.1), CONFIG) == 1
-    assert held(covariance(1.001 * bound, 0.0, 0.1), CONFIG) == pytest.approx(1, abs=1e-3)
+    assert share_held(covariance(0.999 * bound, 0.0, 0.1), CONFIG) == 1
+    assert share_held(covariance(1.001 * bound, 0.0, 0.1), CONFIG) == pytest.approx(1, abs=1e-3)
 
 
 def test_the_farther_the_less_is_held():
-    shares = [held(covariance(along, along / 3, 0.1), CONFIG) for along in np.geomspace(1, 1e4, 20)]
+    shares = [
+        share_held(covariance(along, along / 3, 0.1), CONFIG) for along in np.geomspace(1, 1e4, 20)
+    ]
     assert np.all(np.diff(shares) <= 0)
     assert shares[0] == 1
     assert 0 < shares[-1] < 1e-6
