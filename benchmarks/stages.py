@@ -16,7 +16,7 @@ makes one for each core.
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +50,7 @@ class Stage:
     function: Callable[..., Any]
     arguments: tuple[Any, ...]
 
+    @cached_property
     def compiled(self) -> jax.stages.Compiled:
         """By itself, with the options that the matcher is compiled with."""
         jitted = jax.jit(self.function, compiler_options=compiler_options())
@@ -92,8 +93,9 @@ def stages(
     found: list[Stage] = []
 
     def stage(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
-        found.append(Stage(name, function, arguments))
-        return jax.jit(function)(*arguments)
+        made = Stage(name, function, arguments)
+        found.append(made)
+        return made.compiled(*arguments)
 
     def each(function: Callable[..., Any]) -> Callable[..., Any]:
         """One query after the other, as the matcher does on a CPU."""
@@ -152,7 +154,7 @@ def _match_all(
 
 def row(stage: Stage, pairs: int, most: Peak, repeats: int) -> dict[str, Any]:
     """A row of the table."""
-    compiled = stage.compiled()
+    compiled = stage.compiled
     seconds = float(np.median(timed(lambda _: compiled(*stage.arguments), repeats)))
     traced, results = jax.make_jaxpr(stage.function, return_shape=True)(*stage.arguments)
     work = operations(traced.jaxpr)

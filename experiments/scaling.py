@@ -89,7 +89,7 @@ def compiled(
     features = aprjax.FeatureConfig(extraction=ExtractionConfig(anchors=anchors))
     known = aprjax.ReferenceSet.build(references, features)
     return {
-        stage.name: partial(stage.compiled(), *stage.arguments)
+        stage.name: partial(stage.compiled, *stage.arguments)
         for stage in stages(queries, known.index, aprjax.MatchConfig())
     }
 
