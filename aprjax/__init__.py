@@ -224,6 +224,7 @@ __all__ = [  # noqa: RUF022
     "matcher",
     "metrics",
     "numerics",
+    "packing",
     "places",
     "plane",
     "plot",

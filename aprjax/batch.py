@@ -6,14 +6,16 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
 from aprjax.configuration import check_single
-from aprjax.matcher import MatchConfig, MatchResult, match_together
+from aprjax.matcher import MatchConfig, MatchResult, match_together, result_shapes
 from aprjax.numerics import bucket, single_precision
+from aprjax.packing import pack, unpack, width
 from aprjax.programs import Program
 from aprjax.references import ReferenceIndex, ReferenceSet, checked_ids
 from aprjax.scan import Scan, as_stack
@@ -64,18 +66,19 @@ def match_batch(
     part = -(-queries // workers)
     chunk = min(config.chunk, 1 << (part - 1).bit_length())
     slots = -(-bucket(part, smallest=1) // chunk) * chunk
-    thresholds, rules = packed(config)
+    thresholds, rules = _default_thresholds() if config is _defaults() else packed(config)
     starts = range(part, queries, part)
 
-    def work(start: int) -> MatchResult:
+    def work(start: int) -> Array:
         here = jax.tree.map(lambda array: np.asarray(array)[start : start + part], batch)
         count = here.ranges.shape[0]
         ids = np.zeros((slots, excluded.shape[1]), np.int32)
         ids[:count] = excluded[start : start + part]
         # A setting of the thread, of which each has its own.
         with single_precision():
-            return _match_program(
-                here.pad_batch(slots),
+            found = _match_program(
+                # On an instance, Equinox would first make a module of the method.
+                Scan.pad_batch(here, slots),
                 ids,
                 np.int32(count),
                 references.index,
@@ -84,6 +87,7 @@ def match_batch(
                 chunk=chunk,
                 together=not on_cpu,
             )
+            return found.words
 
     # XLA runs the calls of one thread one after another, those of several at the same time. The
     # first one compiles for all.
@@ -91,13 +95,9 @@ def match_batch(
     others = []
     if workers > 1:
         with ThreadPoolExecutor(workers - 1) as pool:
-            others = list(pool.map(lambda start: jax.device_get(work(start)), starts))
-    results = [jax.device_get(first), *others]
-    if len(results) == 1:
-        return jax.tree.map(lambda array: array[:queries], *results)
-    return jax.tree.map(
-        lambda *parts: np.concatenate([array[:part] for array in parts])[:queries], *results
-    )
+            others = list(pool.map(lambda start: np.asarray(work(start))[:part], starts))
+    words = np.concatenate([np.asarray(first)[:part], *others])
+    return unpack(words[:queries], result_shapes(config.hypotheses))
 
 
 def checked_queries(
@@ -139,8 +139,15 @@ def packed(config: MatchConfig) -> tuple[np.ndarray, Any]:
     return np.array(thresholds, np.float32), rules
 
 
-_traced_once = jax.jit(match_together, static_argnames="together")
-"""`match_together`, whose trace is kept: the loop asks for its shapes, and then for the work."""
+@cache
+def _default_thresholds() -> tuple[np.ndarray, Any]:
+    return packed(_defaults())
+
+
+class _Packed(eqx.Module):
+    """A `MatchResult`, packed."""
+
+    words: Int[Array, "slots words"]
 
 
 def _match_chunks(
@@ -152,7 +159,7 @@ def _match_chunks(
     rules: Any,
     chunk: int,
     together: bool,
-) -> MatchResult:
+) -> _Packed:
     """`chunk` queries at a time, so that memory does not grow with the batch.
 
     Those of one chunk are aligned and evaluated `together`, or one after the other: on a CPU
@@ -161,23 +168,16 @@ def _match_chunks(
     """
     config = jax.tree.unflatten(rules, list(thresholds))
 
-    def of_chunk(index: Array) -> MatchResult:
+    def work(index: Array, words: Array) -> Array:
         here, ids = jax.tree.map(
             lambda a: jax.lax.dynamic_slice_in_dim(a, index * chunk, chunk), (scans, excluded)
         )
-        return _traced_once(here, ids, references, config, together)
+        found = pack(match_together(here, ids, references, config, together))
+        return jax.lax.dynamic_update_slice_in_dim(words, found, index * chunk, 0)
 
-    def work(index: Array, results: MatchResult) -> MatchResult:
-        return jax.tree.map(
-            lambda all_, new: jax.lax.dynamic_update_slice_in_dim(all_, new, index * chunk, 0),
-            results,
-            of_chunk(index),
-        )
-
-    shapes = jax.eval_shape(of_chunk, jnp.int32(0))
-    slots = scans.ranges.shape[0]
-    empty = jax.tree.map(lambda leaf: jnp.zeros((slots, *leaf.shape[1:]), leaf.dtype), shapes)
-    return jax.lax.fori_loop(0, (queries + chunk - 1) // chunk, work, empty)
+    size = width(result_shapes(config.hypotheses))
+    empty = jnp.zeros((scans.ranges.shape[0], size), jnp.int32)
+    return _Packed(jax.lax.fori_loop(0, (queries + chunk - 1) // chunk, work, empty))
 
 
-_match_program = Program(_match_chunks, MatchResult, static=("rules", "chunk", "together"))
+_match_program = Program(_match_chunks, _Packed, static=("rules", "chunk", "together"))

@@ -1,8 +1,8 @@
 """APR scan matching: section 2 of the paper, from a scan to weighted global alignments."""
 
-from dataclasses import replace
-from functools import partial
-from typing import Self
+from dataclasses import fields, replace
+from functools import cache, partial
+from typing import Any, Self
 
 import equinox as eqx
 import jax
@@ -121,6 +121,35 @@ class MatchResult(eqx.Module):
     counts: Counts
     status: Int[Array, "*batch"]
     """A `Status`."""
+
+
+@cache
+def result_shapes(hypotheses: int) -> MatchResult:
+    """Shapes and types of the result of one query."""
+
+    def numbers(*shape: int) -> Any:
+        return jax.ShapeDtypeStruct(shape, jnp.float32)
+
+    def counts(*shape: int) -> Any:
+        return jax.ShapeDtypeStruct(shape, jnp.int32)
+
+    def truths(*shape: int) -> Any:
+        return jax.ShapeDtypeStruct(shape, jnp.bool_)
+
+    return MatchResult(
+        reference=counts(hypotheses),
+        T_ref_query=numbers(hypotheses, 3),
+        covariance=numbers(hypotheses, 3, 3),
+        quality=numbers(hypotheses),
+        probability=numbers(hypotheses),
+        preselection=numbers(hypotheses),
+        agreeing_anchors=counts(hypotheses),
+        agreeing_beams=counts(hypotheses),
+        valid=truths(hypotheses),
+        confident=truths(),
+        counts=Counts(*(counts() for _ in fields(Counts))),
+        status=counts(),
+    )
 
 
 class Evaluated(eqx.Module):

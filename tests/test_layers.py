@@ -22,6 +22,7 @@ ORDER = [
     "plane",
     "status",
     "atomic",
+    "packing",
     "scan",
     "sim",
     "anchors",

@@ -7,7 +7,6 @@ fraction of a degree.
 from typing import Any
 
 import equinox as eqx
-import jax
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -18,7 +17,7 @@ from aprjax.plane import wrap
 from aprjax.scan import Scan
 from aprjax.tracking.hypothesis import Step
 from aprjax.tracking.views import scan_of_state, state_of_scan, view_of
-from aprjax.world.alignment import AlignConfig, align_pairs
+from aprjax.world.alignment import AlignConfig, align_two
 from aprjax.world.motion import MotionConfig, doubted, turned
 
 _TURNS = np.radians([0, -5, 5, -10, 10, -18, 18])
@@ -57,22 +56,14 @@ class ScanMotion:
         self._last = reading, now
         if last is None or expected is None or last[1].xy.shape != now.xy.shape:
             return None
-        views = jax.tree.map(lambda *pair: np.stack(pair), last[1], now)
-        aligned = align_pairs(
-            views,
-            np.array([0]),
-            np.array([1]),
-            turned(expected.T_before_now[None], _TURNS),
-            np.ones(len(_TURNS)),
-            self.config.align,
-        )
-        covariance = doubted(aligned.covariance, aligned.agreement, self.config.motion)[0]
-        T = aligned.T_first_second[0]
+        starts = turned(expected.T_before_now, _TURNS)
+        T, covariance, agreement = align_two(last[1], now, starts, self.config.align)
+        covariance = doubted(covariance, agreement, self.config.motion)
         off = T - expected.T_before_now
         off[2] = wrap(off[2])
         slack = np.square([float(self.config.slack)] * 2 + [float(self.config.turn_slack)])
         square = off @ np.linalg.solve(expected.covariance + np.diag(slack), off)
-        if aligned.agreement[0] < self.config.agreement or square > self.config.gate:
+        if agreement < self.config.agreement or square > self.config.gate:
             return None
         return Step(T, covariance)
 

@@ -14,9 +14,10 @@ from aprjax.scan import Scan
 
 @single_precision()
 def view_of(scan: Scan, config: FeatureConfig) -> View:
-    """The view of one scan, on the host; compiles once for each bucket of beams."""
-    padded = scan.pad(max(bucket(int(scan.beams)), int(np.shape(scan.ranges)[-1])))
-    return jax.device_get(_view(padded, config))
+    """The view of one scan, on the device; compiles once for each bucket of beams."""
+    slots = max(bucket(int(scan.beams)), int(np.shape(scan.ranges)[-1]))
+    # On an instance, Equinox would first make a module of the method.
+    return _view(Scan.pad(scan, slots), config)
 
 
 @jax.jit

@@ -50,9 +50,9 @@ class Aligned(NamedTuple):
 class Expected(NamedTuple):
     """What is known of the relative poses beforehand."""
 
-    T_first_second: np.ndarray
+    T_first_second: np.ndarray | Array
     """`(pairs, 3)` metres, radians."""
-    root: np.ndarray
+    root: np.ndarray | Array
     """`(pairs, 3, 3)`: W with Wᵀ W the inverse covariance."""
 
 
@@ -86,13 +86,24 @@ def align_pairs(
             return whole
 
         rows = padded(np.stack([first, second], axis=1), np.int32)
-        poses = [padded(array, np.float32) for array in (starts, *expected)]
+        poses = [padded(array, np.float32) for array in (starts, *map(np.asarray, expected))]
         weighed = np.asarray(weights, np.float32)
         found = _align(views, rows, *poses, weighed, np.int32(count), config)
         parts.append([np.asarray(array, float)[:count] for array in jax.device_get(found)])
     if not parts:
         return Aligned(np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0))
     return Aligned(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+
+@single_precision()
+def align_two(first: View, second: View, starts: np.ndarray, config: AlignConfig) -> Aligned:
+    """One pair of scans, aligned from `starts` `(S, 3)`, of which none counts more than another.
+
+    `align_pairs` for who has one pair at a time: views that are on the device stay there. Compiles
+    once for each S and each size of the views. The result has no axis of pairs.
+    """
+    found = _align_two(first, second, np.asarray(starts, np.float32), config)
+    return Aligned(*(np.asarray(array, float) for array in found))
 
 
 @jax.jit
@@ -110,24 +121,46 @@ def _align(
 
     def one(index, results):
         first, second = (jax.tree.map(lambda a: a[rows[index, k]], views) for k in range(2))  # noqa: B023
-
-        def attempt(start):
-            T = settle(first, second, start, config.refine)
-            ahead, back = both_ways(first, second, T, config.congruence)
-            gap = T - T_expected[index]
-            off = jnp.matmul(root[index], gap.at[2].set(wrap(gap[2])), precision=HIGHEST)
-            weight = 1.0 / (1.0 + dot(off, off) / config.surprise)
-            return T, weight * _share(ahead, config) * _share(back, config)
-
-        poses, agreement = jax.vmap(attempt)(starts[index])
-        best = jnp.argmax(weights * agreement)
-        refined = estimate(first, second, poses[best], config.refine)
-        found = refined.T_ref_query, refined.covariance, agreement[best]
+        expected = Expected(T_expected[index], root[index])
+        found = _align_one(first, second, starts[index], weights, expected, config)
         return jax.tree.map(lambda all_, new: all_.at[index].set(new), results, found)
 
     slots = rows.shape[0]
     empty = jnp.zeros((slots, 3)), jnp.zeros((slots, 3, 3)), jnp.zeros(slots)
     return jax.lax.fori_loop(0, count, one, empty)
+
+
+@jax.jit
+def _align_two(
+    first: View, second: View, starts: Float[Array, "starts 3"], config: AlignConfig
+) -> tuple[Float[Array, "3"], Float[Array, "3 3"], Float[Array, ""]]:
+    """One pair by itself, of which nothing is expected."""
+    nothing = Expected(jnp.zeros(3), jnp.zeros((3, 3)))
+    return _align_one(first, second, starts, jnp.ones(len(starts)), nothing, config)
+
+
+def _align_one(
+    first: View,
+    second: View,
+    starts: Float[Array, "starts 3"],
+    weights: Float[Array, " starts"],
+    expected: Expected,
+    config: AlignConfig,
+) -> tuple[Float[Array, "3"], Float[Array, "3 3"], Float[Array, ""]]:
+    """The pose, its covariance and the agreement of one pair."""
+
+    def attempt(start):
+        T = settle(first, second, start, config.refine)
+        ahead, back = both_ways(first, second, T, config.congruence)
+        gap = T - expected.T_first_second
+        off = jnp.matmul(expected.root, gap.at[2].set(wrap(gap[2])), precision=HIGHEST)
+        weight = 1.0 / (1.0 + dot(off, off) / config.surprise)
+        return T, weight * _share(ahead, config) * _share(back, config)
+
+    poses, agreement = jax.vmap(attempt)(starts)
+    best = jnp.argmax(weights * agreement)
+    refined = estimate(first, second, poses[best], config.refine)
+    return refined.T_ref_query, refined.covariance, agreement[best]
 
 
 def _share(verdicts: Verdicts, config: AlignConfig) -> Float[Array, ""]:

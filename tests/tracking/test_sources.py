@@ -193,11 +193,9 @@ class Aligned:
     def __init__(self, T, agreement):
         self.T, self.agreement = T, agreement
 
-    def __call__(self, views, first, second, starts, weights, config):
-        assert starts.shape == (1, 7, 3)
-        return alignment.Aligned(
-            np.array([self.T]), 1e-4 * np.eye(3)[None], np.array([self.agreement])
-        )
+    def __call__(self, first, second, starts, config):
+        assert starts.shape == (7, 3)
+        return alignment.Aligned(self.T, 1e-4 * np.eye(3), np.array(self.agreement))
 
 
 @pytest.fixture
@@ -208,7 +206,7 @@ def scan_motion(monkeypatch):
     def make(T, agreement=0.5):
         view = SimpleNamespace(xy=np.zeros((9, 2)))
         monkeypatch.setattr(motion, "view_of", lambda scan, features: view)
-        monkeypatch.setattr(motion, "align_pairs", Aligned(np.array(T), agreement))
+        monkeypatch.setattr(motion, "align_two", Aligned(np.array(T), agreement))
         source = motion.ScanMotion()
         assert source.step(scan, None) is None
         return source, scan

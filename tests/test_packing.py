@@ -1,0 +1,41 @@
+"""Many arrays as one, and back."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from aprjax.matcher import MatchConfig, result_shapes
+from aprjax.packing import pack, unpack, width
+
+FLOATS = np.array([[0.0, -0.0, np.inf], [-np.inf, np.nan, 1e-45]], np.float32)
+TREE = {
+    "counts": np.array([[1, -(2**31)], [2**31 - 1, 0]], np.int32),
+    "empty": np.zeros((2, 0, 3), np.float32),
+    "floats": FLOATS,
+    "matrix": np.arange(12, dtype=np.float32).reshape(2, 2, 3),
+    "one": np.array([True, False]),
+}
+LIKE = jax.tree.map(lambda array: jax.ShapeDtypeStruct(array.shape[1:], array.dtype), TREE)
+
+
+def test_what_is_packed_and_unpacked_is_the_same_to_the_bit():
+    words = np.asarray(jax.jit(pack)(TREE))
+    assert words.shape == (2, width(LIKE))
+    assert words.dtype == np.int32
+    back = unpack(words, LIKE)
+    for name, array in TREE.items():
+        assert back[name].dtype == array.dtype, name
+        assert back[name].tobytes() == array.tobytes(), name
+
+
+def test_rows_are_unpacked_as_they_would_be_together():
+    words = np.asarray(pack(jax.tree.map(jnp.asarray, TREE)))
+    last = unpack(words[1:], LIKE)
+    jax.tree.map(lambda one, all_: np.testing.assert_array_equal(one, all_[1:]), last, TREE)
+
+
+def test_a_result_is_as_wide_as_the_hypotheses_that_are_asked_for():
+    few, many = (width(result_shapes(hypotheses)) for hypotheses in (1, 3))
+    per_hypothesis = (many - few) // 2
+    assert per_hypothesis == 1 + 3 + 9 + 3 + 2 + 1
+    assert width(result_shapes(MatchConfig().hypotheses)) == 7 + 5 * per_hypothesis
