@@ -66,7 +66,7 @@ def match_batch(
     part = -(-queries // workers)
     chunk = min(config.chunk, 1 << (part - 1).bit_length())
     slots = -(-bucket(part, smallest=1) // chunk) * chunk
-    thresholds, rules = _default_thresholds() if config is _defaults() else packed(config)
+    thresholds, rules = flat_thresholds(config)
     starts = range(part, queries, part)
 
     def work(start: int) -> Array:
@@ -133,19 +133,30 @@ def _defaults() -> MatchConfig:
     return MatchConfig()
 
 
-def packed(config: MatchConfig) -> tuple[np.ndarray, Any]:
+def flat_thresholds(config: MatchConfig) -> tuple[np.ndarray, Any]:
     """All thresholds in one array, which goes to the device at once, and their structure."""
-    thresholds, rules = jax.tree.flatten(config)
-    return np.array(thresholds, np.float32), rules
+    return _default_thresholds() if config is _defaults() else _flat(config)
 
 
 @cache
 def _default_thresholds() -> tuple[np.ndarray, Any]:
-    return packed(_defaults())
+    """Made once: that takes as long again as the defaults do."""
+    thresholds, rules = _flat(_defaults())
+    thresholds.setflags(write=False)
+    return thresholds, rules
 
 
-class _Packed(eqx.Module):
-    """A `MatchResult`, packed."""
+def _flat(config: MatchConfig) -> tuple[np.ndarray, Any]:
+    thresholds, rules = jax.tree.flatten(config)
+    return np.array(thresholds, np.float32), rules
+
+
+_traced_once = jax.jit(match_together, static_argnames="together")
+"""`match_together`, whose trace serves every number of slots: chunks are of one size."""
+
+
+class _Words(eqx.Module):
+    """`MatchResult`s as `pack` leaves them; a `Program` returns a module."""
 
     words: Int[Array, "slots words"]
 
@@ -159,7 +170,7 @@ def _match_chunks(
     rules: Any,
     chunk: int,
     together: bool,
-) -> _Packed:
+) -> _Words:
     """`chunk` queries at a time, so that memory does not grow with the batch.
 
     Those of one chunk are aligned and evaluated `together`, or one after the other: on a CPU
@@ -172,12 +183,12 @@ def _match_chunks(
         here, ids = jax.tree.map(
             lambda a: jax.lax.dynamic_slice_in_dim(a, index * chunk, chunk), (scans, excluded)
         )
-        found = pack(match_together(here, ids, references, config, together))
+        found = pack(_traced_once(here, ids, references, config, together), like)
         return jax.lax.dynamic_update_slice_in_dim(words, found, index * chunk, 0)
 
-    size = width(result_shapes(config.hypotheses))
-    empty = jnp.zeros((scans.ranges.shape[0], size), jnp.int32)
-    return _Packed(jax.lax.fori_loop(0, (queries + chunk - 1) // chunk, work, empty))
+    like = result_shapes(config.hypotheses)
+    empty = jnp.zeros((scans.ranges.shape[0], width(like)), jnp.int32)
+    return _Words(jax.lax.fori_loop(0, (queries + chunk - 1) // chunk, work, empty))
 
 
-_match_program = Program(_match_chunks, _Packed, static=("rules", "chunk", "together"))
+_match_program = Program(_match_chunks, _Words, static=("rules", "chunk", "together"))

@@ -10,29 +10,36 @@ from jaxtyping import Array, Int
 
 
 def width(like: Any) -> int:
-    """How many words a row takes of arrays with the shapes of `like`."""
+    """How many words a row takes of arrays with the shapes of `like`, a tree as `pack` has it."""
     return sum(math.prod(leaf.shape) for leaf in jax.tree.leaves(like))
 
 
-def pack(tree: Any) -> Int[Array, "rows words"]:
-    """Arrays `(rows, ...)` of 32 bits, or of truth values, side by side and bit by bit."""
+def pack(tree: Any, like: Any) -> Int[Array, "rows words"]:
+    """Arrays `(rows, ...)` of 32 bits, or of truth values, side by side and bit by bit.
 
-    def words(array: Array) -> Array:
+    `like` is what `unpack` will take them for: the same tree, of one row, as
+    `jax.ShapeDtypeStruct`. Raises `TypeError`, when traced, if the arrays are not that.
+    """
+    given = jax.tree.map(lambda array: jax.ShapeDtypeStruct(array.shape[1:], array.dtype), tree)
+    if jax.tree.flatten(given) != jax.tree.flatten(like):
+        raise TypeError(f"{given} are not packed as {like}")
+
+    def bits(array: Array) -> Array:
         if array.dtype == bool:
             array = array.astype(jnp.int32)
-        bits = jax.lax.bitcast_convert_type(array, jnp.int32)
-        return bits.reshape(array.shape[0], math.prod(array.shape[1:]))
+        number = jax.lax.bitcast_convert_type(array, jnp.int32)
+        return number.reshape(array.shape[0], math.prod(array.shape[1:]))
 
-    return jnp.concatenate([words(leaf) for leaf in jax.tree.leaves(tree)], axis=1)
+    return jnp.concatenate([bits(leaf) for leaf in jax.tree.leaves(tree)], axis=1)
 
 
 def unpack(words: np.ndarray, like: Any) -> Any:
-    """The arrays that `pack` packed, on the host: `like` has their shapes, less the rows'."""
+    """The arrays of which `pack` made `words` `(rows, words)`, on the host, one by one."""
     leaves, structure = jax.tree.flatten(like)
     found, start = [], 0
     for leaf in leaves:
         stop = start + math.prod(leaf.shape)
-        part = words[:, start:stop].reshape(len(words), *leaf.shape)
+        part = np.ascontiguousarray(words[:, start:stop]).reshape(len(words), *leaf.shape)
         found.append(part != 0 if leaf.dtype == bool else part.view(leaf.dtype))
         start = stop
     return jax.tree.unflatten(structure, found)

@@ -1,4 +1,5 @@
 import stat
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -6,11 +7,13 @@ import numpy as np
 import pytest
 from jax.experimental.compilation_cache import compilation_cache
 
-from aprjax import batch
+from aprjax import batch, matcher
 from aprjax.batch import match
 from aprjax.compilation import cache_compilations, warm_up
+from aprjax.matcher import MatchConfig
 from aprjax.programs import keep_traces
 from aprjax.references import ReferenceSet
+from aprjax.scan import Scan
 from tests.worlds import free_pose, office, scan_at
 
 SETTINGS = (
@@ -38,6 +41,31 @@ def test_after_warming_up_nothing_is_compiled():
     compiled = batch._match_program.compiled
     assert np.asarray(match(scans[0], references).valid).any()
     assert batch._match_program.compiled == compiled
+
+
+def test_the_trace_of_a_chunk_serves_every_number_of_them(monkeypatch):
+    rng, world = np.random.default_rng(0), office(seed=2)
+    scans = Scan.stack([scan_at(world, free_pose(world, rng), rng=rng) for _ in range(6)])
+    index = ReferenceSet.build(scans).index
+    # Sizes that no other test has.
+    thresholds, rules = batch.flat_thresholds(MatchConfig(hypotheses=3, chunk=3))
+    traced = []
+
+    def match_one(*arguments):
+        traced.append(arguments)
+        return matcher_of_one(*arguments)
+
+    matcher_of_one = matcher.match_one
+    monkeypatch.setattr(matcher, "match_one", match_one)
+    counts = []
+    for slots in (3, 6):
+        some = jax.tree.map(lambda array: array[:slots], scans)  # noqa: B023
+        whole = partial(batch._match_chunks, rules=rules, chunk=3, together=False)
+        nobody = np.full((slots, 1), -1, np.int32)
+        jax.eval_shape(whole, some, nobody, np.int32(slots), index, thresholds)
+        counts.append(len(traced))
+    assert counts == [counts[0]] * 2
+    assert counts[0] > 0
 
 
 @pytest.mark.parametrize(("beams", "batches"), [(0, [1]), (181, [1, 0])])

@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from aprjax.matcher import MatchConfig, result_shapes
 from aprjax.packing import pack, unpack, width
@@ -19,7 +20,7 @@ LIKE = jax.tree.map(lambda array: jax.ShapeDtypeStruct(array.shape[1:], array.dt
 
 
 def test_what_is_packed_and_unpacked_is_the_same_to_the_bit():
-    words = np.asarray(jax.jit(pack)(TREE))
+    words = np.asarray(jax.jit(lambda tree: pack(tree, LIKE))(TREE))
     assert words.shape == (2, width(LIKE))
     assert words.dtype == np.int32
     back = unpack(words, LIKE)
@@ -29,9 +30,23 @@ def test_what_is_packed_and_unpacked_is_the_same_to_the_bit():
 
 
 def test_rows_are_unpacked_as_they_would_be_together():
-    words = np.asarray(pack(jax.tree.map(jnp.asarray, TREE)))
+    words = np.asarray(pack(jax.tree.map(jnp.asarray, TREE), LIKE))
     last = unpack(words[1:], LIKE)
     jax.tree.map(lambda one, all_: np.testing.assert_array_equal(one, all_[1:]), last, TREE)
+
+
+@pytest.mark.parametrize(
+    ("name", "array"),
+    [
+        ("matrix", np.zeros((2, 3, 2), np.float32)),
+        ("floats", np.zeros((2, 3), np.int32)),
+        ("floats", np.zeros((2, 3), np.float16)),
+        ("another", np.zeros((2, 3), np.float32)),
+    ],
+)
+def test_what_would_be_unpacked_as_something_else_is_not_packed(name, array):
+    with pytest.raises(TypeError, match="not packed as"):
+        pack(TREE | {name: array}, LIKE)
 
 
 def test_a_result_is_as_wide_as_the_hypotheses_that_are_asked_for():

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from aprjax.batch import checked_config, checked_queries, packed
+from aprjax.batch import checked_config, checked_queries, flat_thresholds
 from aprjax.catalogue.catalogue import BLOCK, Catalogue
 from aprjax.evaluation.distinctiveness import Placement
 from aprjax.features import FeatureConfig, describe
@@ -101,7 +101,7 @@ def match_catalogue(
     queries = len(excluded)
     chunk = min(config.chunk, _CHUNK, 1 << (queries - 1).bit_length())
     likely = min(likely, bucket(len(catalogue)))
-    thresholds, rules = packed(config)
+    thresholds, rules = flat_thresholds(config)
     on_cpu = jax.default_backend() == "cpu"
     alike = np.concatenate(
         [

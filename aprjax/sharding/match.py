@@ -13,7 +13,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.alignment.voting import Votes, VotingConfig, vote
-from aprjax.batch import checked_config, checked_queries, packed
+from aprjax.batch import checked_config, checked_queries, flat_thresholds
 from aprjax.features import Features, describe
 from aprjax.matcher import Counts, MatchConfig, MatchResult, answer, evaluate, preselected, rank
 from aprjax.numerics import single_precision
@@ -48,7 +48,7 @@ def match_sharded(
     queries, devices = len(excluded), references.mesh.size
     chunk = min(config.chunk, 1 << (queries - 1).bit_length())
     chunk = -(-chunk // devices) * devices
-    thresholds, rules = packed(config)
+    thresholds, rules = flat_thresholds(config)
 
     def work(start: int) -> MatchResult:
         rows = slice(start, start + chunk)

@@ -39,20 +39,20 @@ class Aligned(NamedTuple):
     """Relative poses of pairs of scans, on the host in float64."""
 
     T_first_second: np.ndarray
-    """`(pairs, 3)` metres, radians."""
+    """`(*pairs, 3)` metres, radians."""
     covariance: np.ndarray
-    """`(pairs, 3, 3)`, as `refine.estimate` has it."""
+    """`(*pairs, 3, 3)`, as `refine.estimate` has it."""
     agreement: np.ndarray
-    """`(pairs,)` in [0, 1]: shares of agreeing beams of both scans, multiplied, and weighed by what
-    was expected."""
+    """`(*pairs,)` in [0, 1]: shares of agreeing beams of both scans, multiplied, and weighed by
+    what was expected."""
 
 
 class Expected(NamedTuple):
     """What is known of the relative poses beforehand."""
 
-    T_first_second: np.ndarray | Array
+    T_first_second: np.ndarray
     """`(pairs, 3)` metres, radians."""
-    root: np.ndarray | Array
+    root: np.ndarray
     """`(pairs, 3, 3)`: W with Wᵀ W the inverse covariance."""
 
 
@@ -86,7 +86,7 @@ def align_pairs(
             return whole
 
         rows = padded(np.stack([first, second], axis=1), np.int32)
-        poses = [padded(array, np.float32) for array in (starts, *map(np.asarray, expected))]
+        poses = [padded(array, np.float32) for array in (starts, *expected)]
         weighed = np.asarray(weights, np.float32)
         found = _align(views, rows, *poses, weighed, np.int32(count), config)
         parts.append([np.asarray(array, float)[:count] for array in jax.device_get(found)])
@@ -99,11 +99,11 @@ def align_pairs(
 def align_two(first: View, second: View, starts: np.ndarray, config: AlignConfig) -> Aligned:
     """One pair of scans, aligned from `starts` `(S, 3)`, of which none counts more than another.
 
-    `align_pairs` for who has one pair at a time: views that are on the device stay there. Compiles
-    once for each S and each size of the views. The result has no axis of pairs.
+    `align_pairs` for one pair at a time: views that are on the device stay there. Compiles once
+    for each S and each size of the views. The result has no axis of pairs.
     """
     found = _align_two(first, second, np.asarray(starts, np.float32), config)
-    return Aligned(*(np.asarray(array, float) for array in found))
+    return Aligned(*(np.asarray(array, float) for array in jax.device_get(found)))
 
 
 @jax.jit
@@ -121,8 +121,8 @@ def _align(
 
     def one(index, results):
         first, second = (jax.tree.map(lambda a: a[rows[index, k]], views) for k in range(2))  # noqa: B023
-        expected = Expected(T_expected[index], root[index])
-        found = _align_one(first, second, starts[index], weights, expected, config)
+        expected = T_expected[index], root[index]
+        found = _align_one(first, second, starts[index], weights, *expected, config)
         return jax.tree.map(lambda all_, new: all_.at[index].set(new), results, found)
 
     slots = rows.shape[0]
@@ -135,8 +135,8 @@ def _align_two(
     first: View, second: View, starts: Float[Array, "starts 3"], config: AlignConfig
 ) -> tuple[Float[Array, "3"], Float[Array, "3 3"], Float[Array, ""]]:
     """One pair by itself, of which nothing is expected."""
-    nothing = Expected(jnp.zeros(3), jnp.zeros((3, 3)))
-    return _align_one(first, second, starts, jnp.ones(len(starts)), nothing, config)
+    alike, nothing = jnp.ones(len(starts)), (jnp.zeros(3), jnp.zeros((3, 3)))
+    return _align_one(first, second, starts, alike, *nothing, config)
 
 
 def _align_one(
@@ -144,7 +144,8 @@ def _align_one(
     second: View,
     starts: Float[Array, "starts 3"],
     weights: Float[Array, " starts"],
-    expected: Expected,
+    T_expected: Float[Array, "3"],
+    root: Float[Array, "3 3"],
     config: AlignConfig,
 ) -> tuple[Float[Array, "3"], Float[Array, "3 3"], Float[Array, ""]]:
     """The pose, its covariance and the agreement of one pair."""
@@ -152,8 +153,8 @@ def _align_one(
     def attempt(start):
         T = settle(first, second, start, config.refine)
         ahead, back = both_ways(first, second, T, config.congruence)
-        gap = T - expected.T_first_second
-        off = jnp.matmul(expected.root, gap.at[2].set(wrap(gap[2])), precision=HIGHEST)
+        gap = T - T_expected
+        off = jnp.matmul(root, gap.at[2].set(wrap(gap[2])), precision=HIGHEST)
         weight = 1.0 / (1.0 + dot(off, off) / config.surprise)
         return T, weight * _share(ahead, config) * _share(back, config)
 
