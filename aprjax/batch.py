@@ -67,9 +67,8 @@ def match_batch(
     chunk = min(config.chunk, 1 << (part - 1).bit_length())
     slots = -(-bucket(part, smallest=1) // chunk) * chunk
     thresholds, rules = flat_thresholds(config)
-    starts = range(part, queries, part)
 
-    def work(start: int) -> Array:
+    def work(start: int) -> np.ndarray:
         here = jax.tree.map(lambda array: np.asarray(array)[start : start + part], batch)
         count = here.ranges.shape[0]
         ids = np.zeros((slots, excluded.shape[1]), np.int32)
@@ -87,17 +86,16 @@ def match_batch(
                 chunk=chunk,
                 together=not on_cpu,
             )
-            return found.words
+            return np.asarray(found.words)[:count]
 
-    # XLA runs the calls of one thread one after another, those of several at the same time. The
-    # first one compiles for all.
-    first = work(0)
-    others = []
-    if workers > 1:
-        with ThreadPoolExecutor(workers - 1) as pool:
-            others = list(pool.map(lambda start: np.asarray(work(start))[:part], starts))
-    words = np.concatenate([np.asarray(first)[:part], *others])
-    return unpack(words[:queries], result_shapes(config.hypotheses))
+    starts = range(0, queries, part)
+    if len(starts) == 1:
+        words = work(0)
+    else:
+        # XLA runs the calls of one thread one after another, those of several at the same time.
+        with ThreadPoolExecutor(workers) as pool:
+            words = np.concatenate(list(pool.map(work, starts)))
+    return unpack(words, result_shapes(config.hypotheses))
 
 
 def checked_queries(

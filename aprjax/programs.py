@@ -50,7 +50,7 @@ def keep_traces(folder: Path | None) -> None:
     beginning, as long as these are what has been imported.
     """
     global _store
-    _store = None if folder is None else _Store(folder, _surroundings(Path(__file__).parent))
+    _store = None if folder is None else _Store(folder, surroundings())
 
 
 class Program(Generic[_Result]):
@@ -228,8 +228,8 @@ def _load(path: Path) -> export.Exported | None:
     return export.deserialize(bytearray(trace)) if stored == _signed(trace) else None
 
 
-def _surroundings(package: Path) -> str:
-    """What else decides what is traced: the package's code and data, and others' versions."""
+def surroundings(package: Path = Path(__file__).parent) -> str:
+    """What decides what is traced and computed: the package's code and data, others' versions."""
     files = hashlib.sha256()
     for path in sorted(package.rglob("*")):
         if path.is_file() and "__pycache__" not in path.parts:

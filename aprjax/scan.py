@@ -17,6 +17,8 @@ from jaxtyping import Array, Bool, Float, Int
 from aprjax.configuration import real_numbers, shown
 from aprjax.numerics import bucket
 
+WIDEST = 2 * np.pi * 1.001
+"""Radians from the first beam to the last, at most: a full turn, but for rounding."""
 _SCALARS = ("angle_min", "angle_increment", "range_min", "range_max", "beams")
 _FIELDS = ("ranges", *_SCALARS)
 _DTYPES = dict.fromkeys(_FIELDS, np.dtype(np.float32)) | {"beams": np.dtype(np.int32)}
@@ -86,7 +88,7 @@ class Scan(eqx.Module):
         }
         step = abs(float(kept["angle_increment"]))
         # Some drivers report both ends of a turn: the last beam is the first one again.
-        if step == 0 or step * max(values.size - 1, 1) > 2 * np.pi * 1.001:
+        if step == 0 or step * max(values.size - 1, 1) > WIDEST:
             raise ValueError(
                 f"angle_increment: {angle_increment} rad is zero, or {values.size} beams pass 360°"
             )

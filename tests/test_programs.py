@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 from aprjax import batch, programs, references
 from aprjax.batch import match_batch
 from aprjax.features import Features
-from aprjax.programs import Program, _surroundings, keep_traces
+from aprjax.programs import Program, keep_traces, surroundings
 from aprjax.references import ReferenceSet
 from tests.worlds import free_pose, office, scan_at
 
@@ -148,10 +148,10 @@ print(np.asarray(Program(thrice, Inner)(np.arange(3, dtype=np.float32)).twice).t
 def test_other_code_or_data_of_the_package_is_another_program(tmp_path, name):
     (tmp_path / "code.py").write_text("one")
     (tmp_path / "numbers.npz").write_bytes(b"two")
-    before = _surroundings(tmp_path)
-    assert _surroundings(tmp_path) == before
+    before = surroundings(tmp_path)
+    assert surroundings(tmp_path) == before
     (tmp_path / name).write_text("three")
-    assert _surroundings(tmp_path) != before
+    assert surroundings(tmp_path) != before
 
 
 def test_what_is_no_plain_array_is_jitted_as_it_is(fresh, folder):

@@ -126,7 +126,7 @@ def _odometry(report: LogReport) -> bool:
     """Whether entries of the log have odometry that moves."""
     if report.kind == "ROS bag":
         return report.odometry is not None
-    return report.moved > 0 if report.messages["ODOM"] else report.lasers[0].startswith("ROBOT")
+    return report.moved > 0 or report.lasers[0].startswith("ROBOT")
 
 
 def _scan_facts(scans: list[Scan]) -> dict[str, Any]:

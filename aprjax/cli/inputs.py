@@ -141,6 +141,8 @@ def read_drive(arguments: argparse.Namespace) -> list[LogEntry]:
     warn_of_damage(path, report)
     if any(entry.odometry is None for entry in entries):
         raise CommandError(f"{path}: there is no odometry")
+    if len(entries) > 1 and not np.ptp([entry.odometry for entry in entries], axis=0).any():
+        print(f"{path}: by its odometry the robot never moves", file=sys.stderr)
     return entries
 
 

@@ -162,9 +162,7 @@ def _kept_pieces(
         with tempfile.TemporaryDirectory() as folder:
             yield Pieces(Path(folder), "")
         return
-    run = fingerprint(
-        queries, references.scans, references.ids, references.index.config, config, exclude
-    )
+    run = fingerprint(queries, references.scans, references.index, config, exclude)
     pieces = Pieces(Path(out).with_name(f"{Path(out).name}.pieces"), run)
     yield pieces
     pieces.discard()

@@ -115,9 +115,7 @@ def run(arguments: argparse.Namespace) -> None:
     config = MatchConfig(cascade=not arguments.no_cascade, hypotheses=1)
     features = references.index.config
     at_a_time = CONFIGURATIONS, QUERIES
-    run_id = fingerprint(
-        queries, references.scans, references.ids, features, config, axes, at_a_time
-    )
+    run_id = fingerprint(queries, references.scans, references.index, config, axes, at_a_time)
     pieces, done = Pieces(out / "pieces", run_id), []
     count = int(np.prod([len(values) for values in axes.values()]))
     with Progress("sweeping", count * len(mapped)) as progress:

@@ -18,7 +18,7 @@ import numpy as np
 from aprjax.configuration import from_dict, to_dict
 from aprjax.features import FeatureConfig, describe
 from aprjax.io.files import MOST_BEAMS, most_unpacked, open_file
-from aprjax.scan import Scan
+from aprjax.scan import WIDEST, Scan
 
 SCAN_FIELDS = {
     "angle_min": np.float32,
@@ -186,9 +186,7 @@ class Archive:
             (beams >= 0) & (beams <= ranges.shape[1]), "beams[{}] is not a number of the ranges"
         )
         turn = step * np.maximum(beams - 1, 0)
-        check_all(
-            (step > 0) & (turn <= 2 * np.pi * 1.001), "angle_increment[{}] is zero or too large"
-        )
+        check_all((step > 0) & (turn <= WIDEST), "angle_increment[{}] is zero or too large")
         return Scan(ranges=ranges, **fields)  # pyright: ignore[reportArgumentType]
 
 

@@ -5,7 +5,6 @@ saturates. Every iteration then streams it again, so that memory does not grow w
 """
 
 import gzip
-import math
 import os
 import zlib
 from collections import Counter, defaultdict
@@ -14,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from aprjax.io.carmen_odometry import ContinuousOdometry, OdometrySurvey, RestartingOdometry
 from aprjax.io.files import most_unpacked, open_file
 from aprjax.io.log import LISTED, Log, LogEntry, LogError, LogReport
 from aprjax.io.messages import LASERS, OTHER_KINDS, Sweep, parse
@@ -25,11 +25,11 @@ _LONGEST_LINE = 1 << 20  # bytes: a hundred thousand readings
 class CarmenLog(Log):
     """A CARMEN log.
 
-    Odometry: where the log has ODOM lines, the step to a scan goes from the first ODOM after the
-    scan before it to the last ODOM before itself. In a corrected log that first one restates the
-    truth, and a step across it would leak the truth; so any laser line ends a step, one of
-    another laser or a damaged one too. `odometry` composes the steps from (0, 0, 0) at the first
-    scan. Without ODOM lines it is the robot pose of a ROBOTLASER line, never a FLASER's.
+    Odometry: where the log has ODOM lines, it is that of the last one before each scan, from
+    (0, 0, 0) at the first. In a corrected log they restart at the truth after each laser line;
+    there, the step to a scan goes from the first after the line before to the last before its own
+    (see `aprjax.io.carmen_odometry`). Without ODOM lines between scans it is the robot pose of
+    a ROBOTLASER line, never a FLASER's.
     """
 
     def __init__(
@@ -38,14 +38,17 @@ class CarmenLog(Log):
         report: LogReport,
         params: dict[str, float],
         ranging: dict[str, "Ranging"],
+        *,
+        restarts: bool,
     ) -> None:
         super().__init__(path, report)
+        self._restarts = restarts
         self._params = params
         self._ranging = ranging
 
     def __iter__(self) -> Iterator[LogEntry]:
-        use_odom = self.report.messages["ODOM"] > 0
-        pose = first = last = None
+        told = self.report.messages["ODOM"] > 0
+        odometry = RestartingOdometry() if self._restarts else ContinuousOdometry()
         found = 0
         for number, words in _lines(self.path):
             kind = words[0] if words else ""
@@ -56,18 +59,16 @@ class CarmenLog(Log):
             except ValueError:
                 message = None
             if kind == "ODOM":
-                last = message if isinstance(message, np.ndarray) else last
-                first = last if first is None else first
+                if isinstance(message, np.ndarray):
+                    odometry.odom(message)
                 continue
-            if pose is not None and first is not None and last is not None:
-                pose = _compose(pose, _relative(first, last))
-            first = last = None
+            odometry.laser()
             if kind in self._ranging and isinstance(message, Sweep):
-                pose = np.zeros(3) if pose is None else pose
+                pose, stated = odometry.at_scan(), message.robot_pose
                 found += 1
                 yield LogEntry(
                     scan=self._ranging[kind].scan(message),
-                    odometry=pose.copy() if use_odom else message.robot_pose,
+                    odometry=pose if self.report.moved or (told and stated is None) else stated,
                     stamp=message.stamp,
                     laser=kind,
                     logged_pose=message.laser_pose,
@@ -103,9 +104,8 @@ def read_carmen(
             raise ValueError(f"lasers: {name!r} is none of {', '.join(LASERS)}")
     path = Path(path)
     report, params = LogReport(), dict[str, float]()
-    scans, moved = Counter[str](), Counter[str]()
+    scans, odometry = Counter[str](), OdometrySurvey()
     readings: dict[str, np.ndarray] = defaultdict(lambda: np.zeros(BINS, np.int64))
-    odoms = 0
     for number, words in _lines(path):
         report.lines = number
         kind = words[0] if words else ""
@@ -125,26 +125,26 @@ def read_carmen(
                 report.damaged.append((number, str(error)))
             message = None
         if isinstance(message, Sweep):
-            moved[kind] += odoms >= 2 and scans.total() > 0
             scans[kind] += 1
             readings[kind] += in_millimetres(message.ranges)
-        if kind in LASERS:
-            odoms = 0
+            odometry.laser(kind, (message.laser_pose, message.robot_pose))
         elif isinstance(message, np.ndarray):
-            odoms += 1
+            odometry.odom(message)
+        elif kind in LASERS:
+            odometry.laser(None)
 
     chosen = tuple(lasers) if lasers else tuple(name for name in LASERS if scans[name])[:1]
     report.lasers = chosen
     report.scans = sum(scans[name] for name in chosen)
     report.other_lasers = scans.total() - report.scans
-    report.moved = sum(moved[name] for name in chosen)
+    report.moved = odometry.moved(chosen)
     if not report.scans:
         raise LogError(f"{path}: {_why_empty(report, scans)}")
     ranging = {name: Ranging(readings[name]) for name in chosen if scans[name]}
     report.saturations = {
         name: each.saturation for name, each in ranging.items() if each.saturation is not None
     }
-    return CarmenLog(path, report, params, ranging)
+    return CarmenLog(path, report, params, ranging, restarts=odometry.restarts)
 
 
 def _why_empty(report: LogReport, scans: Counter[str]) -> str:
@@ -191,19 +191,3 @@ def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
         raise LogError(f"{path}: corrupt gzip data after line {number}: {error}") from None
     except OSError as error:
         raise LogError(f"{path}: {error.strerror or error}") from None
-
-
-def _compose(T_a_b: np.ndarray, T_b_c: np.ndarray) -> np.ndarray:
-    cos, sin = math.cos(T_a_b[2]), math.sin(T_a_b[2])
-    x, y, theta = T_b_c
-    turned = np.array([cos * x - sin * y, sin * x + cos * y, theta])
-    turned += T_a_b
-    turned[2] = math.remainder(turned[2], math.tau)
-    return turned
-
-
-def _relative(T_a_b: np.ndarray, T_a_c: np.ndarray) -> np.ndarray:
-    """`T_b_c`."""
-    cos, sin = math.cos(T_a_b[2]), math.sin(T_a_b[2])
-    x, y, theta = T_a_c - T_a_b
-    return np.array([cos * x + sin * y, cos * y - sin * x, theta])

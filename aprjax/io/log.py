@@ -62,8 +62,8 @@ class LogReport:
     saturations: dict[str, float] = field(default_factory=dict)
     """Metres, for each chosen laser that saturates."""
     moved: int = 0
-    """Chosen scans with two or more ODOM lines since the scan before. Only these can have a step of
-    odometry: where ODOM lines are few, `moved` far below `scans` shows it."""
+    """Chosen scans with a step of odometry since the scan before, be it at rest. Where odometry is
+    read more seldom than scans, `moved` is far below `scans`."""
 
     odometry: str | None = None
     """Where a bag's odometry comes from: a topic, `/tf`, or nowhere."""

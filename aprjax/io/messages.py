@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aprjax.io.files import MOST_BEAMS
+from aprjax.scan import WIDEST
 
 LASERS = (
     *("ROBOTLASER1", "FLASER", "RAWLASER1"),
@@ -104,7 +105,8 @@ def _sweep(words: list[str], *, robot: bool) -> Sweep:
     tail = 10 + n + m
     _expect(words, tail + (14 if robot else 3))
     start, _, resolution, maximum = _numbers(words[2:6]).tolist()
-    if not (abs(start) <= 2 * math.pi and _NARROWEST < abs(resolution) * max(n - 1, 1) <= 6.29):
+    turn = abs(float(np.float32(resolution))) * max(n - 1, 1)  # as the scan will have it
+    if not (abs(start) <= 2 * math.pi and _NARROWEST < turn <= WIDEST):
         raise ValueError(f"{n} readings from {start} rad at {resolution} rad are no field of view")
     return Sweep(
         ranges=_numbers(words[9 : 9 + n]),

@@ -13,14 +13,16 @@ import numpy as np
 
 from aprjax.atomic import atomic_write, is_temporary
 from aprjax.io.archive import ArchiveError, archive_format, read_archive
+from aprjax.programs import surroundings
 
 _FORMAT = "aprjax pieces"
 _VERSION = 2
 
 
 def fingerprint(*inputs: object) -> str:
-    """A digest of everything that a result depends on: trees of arrays, and their structure."""
-    digest = hashlib.sha256()
+    """A digest of all that a result depends on: trees of arrays, code, versions, and the device."""
+    device = jax.devices()[0]
+    digest = hashlib.sha256(f"{surroundings()} {device.platform} {device.device_kind}".encode())
     leaves, structure = jax.tree.flatten(inputs)
     digest.update(str(structure).encode())
     for leaf in leaves:

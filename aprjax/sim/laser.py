@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from aprjax.configuration import capacity, threshold
 from aprjax.numerics import bucket, single_precision
-from aprjax.scan import Scan, hide_nan, show_nan
+from aprjax.scan import WIDEST, Scan, hide_nan, show_nan
 from aprjax.se2 import Pose
 from aprjax.sim.ray_casting import cast
 from aprjax.sim.world import World
@@ -69,7 +69,7 @@ class Laser(eqx.Module):
                 if not holds(getattr(self, name)):
                     raise ValueError(f"{name}: {getattr(self, name)} is not {condition}")
         # One beam may repeat: some drivers report both ends of the turn.
-        if abs(self.angle_increment) * (self.beams - 1) > 2 * np.pi * 1.001:
+        if abs(self.angle_increment) * (self.beams - 1) > WIDEST:
             raise ValueError(
                 f"angle_increment: at {self.angle_increment} rad, {self.beams} beams pass 360°"
             )

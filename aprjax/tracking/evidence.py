@@ -95,6 +95,7 @@ def moved(belief: Belief, step: Step, config: EvidenceConfig) -> Belief:
         # A covariance that shrinks on the way back brings nothing back: evidence does.
         share = min(share_held(now.covariance, volume) / was, 1.0) if was > 0 else 1.0
         left.append(replace(now, probability=before.probability * kept * share))
+    left.sort(key=_order)
     return replace(belief, hypotheses=tuple(left), rest=_rest(left))
 
 
@@ -213,7 +214,7 @@ def settled(
     """
     total = sum(h.probability for h in hypotheses) + rest
     kept: list[Hypothesis] = []
-    for hypothesis in sorted(hypotheses, key=lambda h: (-h.probability, h.number)):
+    for hypothesis in sorted(hypotheses, key=_order):
         likelihood = hypothesis.probability / total
         for k, other in enumerate(kept):
             if near.within(
@@ -224,7 +225,7 @@ def settled(
         else:
             kept.append(replace(hypothesis, probability=likelihood))
     kept = [h for h in kept if h.probability >= config.least]
-    kept = sorted(kept, key=lambda h: (-h.probability, h.number))[: config.hypotheses]
+    kept = sorted(kept, key=_order)[: config.hypotheses]
     most = 1.0 - float(config.rest)
     total = sum(h.probability for h in kept)
     if total > most:
@@ -255,7 +256,7 @@ def _recentred(
     """About another centre, with the small volume to begin with."""
     covariance = with_floors(covariance, config.volume)
     centred = hypothesis.at(place, covariance, config.volume)
-    return replace(centred, reference=reference, unconfirmed=0.0)
+    return replace(centred, reference=reference, unconfirmed=0.0, turned=0.0)
 
 
 def _created(
@@ -272,6 +273,11 @@ def _created(
     return Hypothesis(
         number, estimate.place, covariance, radius, angle, probability, estimate.reference
     )
+
+
+def _order(hypothesis: Hypothesis) -> tuple[float, int]:
+    """The most probable first, and of equals the oldest."""
+    return -hypothesis.probability, hypothesis.number
 
 
 def _rest(hypotheses: Sequence[Hypothesis]) -> float:

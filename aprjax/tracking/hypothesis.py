@@ -96,6 +96,8 @@ class Hypothesis:
     """Id of the reference scan that its centre was last seen from."""
     unconfirmed: float = 0.0
     """Metres driven since it was created or last confirmed."""
+    turned: float = 0.0
+    """Radians turned since then, either way."""
 
     def moved(self, step: "Step", config: VolumeConfig) -> "Hypothesis":
         """Carried on by a step of the robot: its volume grows, λ_i stays."""
@@ -107,6 +109,7 @@ class Hypothesis:
                 config,
             ),
             unconfirmed=self.unconfirmed + step.way,
+            turned=self.turned + step.turn,
         )
 
     def at(self, place: Place, covariance: np.ndarray, config: VolumeConfig) -> "Hypothesis":

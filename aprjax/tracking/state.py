@@ -25,6 +25,7 @@ def state_of_belief(belief: Belief) -> dict[str, Any]:
                 "probability": h.probability,
                 "reference": h.reference,
                 "unconfirmed": h.unconfirmed,
+                "turned": h.turned,
             }
             for h in belief.hypotheses
         ],
@@ -43,6 +44,7 @@ def belief_of_state(state: dict[str, Any]) -> Belief:
             h["probability"],
             h["reference"],
             h["unconfirmed"],
+            h["turned"],
         )
         for h in state["hypotheses"]
     )

@@ -16,6 +16,7 @@ from aprjax.configuration import threshold
 from aprjax.tracking.apr import AprSource
 from aprjax.tracking.belief import Belief
 from aprjax.tracking.checked import checked_estimates, checked_step, checked_verdicts
+from aprjax.tracking.clock import Clock
 from aprjax.tracking.continuity import ScanContinuity
 from aprjax.tracking.evidence import (
     EvidenceConfig,
@@ -95,7 +96,7 @@ class HypothesisTracker:
         self._motion = Motion(float(self.config.unmeasured))
         self._way = 0.0
         self._heard: dict[str, float] = {}  # the way at each source's last reading
-        self._stamps: dict[str, float] = {}
+        self._clock = Clock(float(self.config.late))
         self._measured: float | None = None  # the stamp of the last motion measured
         self._silent = False  # whether that is long ago
 
@@ -115,7 +116,7 @@ class HypothesisTracker:
         `readings` are named as the sources' `reads`, such as `odometry` or `gyro`; one that is
         missing is no error. `stamp` is their time in seconds.
         """
-        readings = self._timely("move", stamp, readings)
+        readings = self._clock.timely("move", stamp, readings)
         step = self._motion.step(self.tracking, readings, self._measure)
         if step is not None:
             if self._motion.complete:
@@ -126,7 +127,7 @@ class HypothesisTracker:
 
     def observe(self, stamp: float | None = None, **readings: Any) -> Belief:
         """Confirm, punish, create and validate hypotheses by what the other sources read."""
-        timely = self._timely("observe", stamp, readings)
+        timely = self._clock.timely("observe", stamp, readings)
         if timely or not readings:
             self._drift(stamp)
         readings, evidence = timely, self.config.evidence
@@ -154,7 +155,7 @@ class HypothesisTracker:
             "belief": state_of_belief(self.belief),
             "way": self._way,
             "heard": dict(self._heard),
-            "stamps": dict(self._stamps),
+            "clock": self._clock.state(),
             "measured": self._measured,
             "silent": self._silent,
             "motion": self._motion.state(),
@@ -180,10 +181,11 @@ class HypothesisTracker:
             if hypothesis.place.node not in self.world.graph:
                 raise ValueError(f"state: the world has no node {hypothesis.place.node}")
         way, measured, silent = state["way"], state["measured"], state["silent"]
-        heard, stamps = dict(state["heard"]), dict(state["stamps"])
+        heard, clock = dict(state["heard"]), Clock(float(self.config.late))
+        clock.restore(state["clock"])
         self.belief, self._motion = belief, motion
         self._way, self._measured, self._silent = way, measured, silent
-        self._heard, self._stamps = heard, stamps
+        self._heard, self._clock = heard, clock
         for source, own in zip(self._sources(), state["sources"], strict=True):
             if isinstance(source, Remembers):
                 source.restore(own)
@@ -222,29 +224,6 @@ class HypothesisTracker:
         far = min(float(self.config.speed) * elapsed, float(self.config.astray))
         self._way += far
         self._advance(Step(np.zeros(3), np.diag([far**2, far**2, min(far, 1.0) ** 2])))
-
-    def _timely(self, call: str, stamp: float | None, readings: dict[str, Any]) -> dict[str, Any]:
-        """The readings that are not older than the last ones of their kind.
-
-        Stamps may stand still. One that goes far back is that of a clock that was set anew.
-        """
-        if stamp is None:
-            return readings
-        if not math.isfinite(stamp):
-            _log.warning("%s: the stamp %s is ignored", call, stamp)
-            return readings
-        timely = {}
-        for name, reading in readings.items():
-            key = f"{call} {name}"
-            back = self._stamps.get(key, stamp) - stamp
-            if 0 < back <= self.config.late:
-                _log.warning("%s: %s came %.3f s too late and is left out", call, name, back)
-                continue
-            if back > 0:
-                _log.warning("%s: the clock of %s went back by %.1f s", call, name, back)
-            self._stamps[key] = stamp
-            timely[name] = reading
-        return timely
 
     def _measure(
         self, source: TrackingSource, reading: Any, expected: Step | None

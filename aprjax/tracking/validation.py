@@ -69,8 +69,9 @@ class IdcSource:
             self._references = Surroundings(self._near, places)
         asked = []
         for number, hypothesis in enumerate(hypotheses):
-            worth = hypothesis.unconfirmed > 0 and hypothesis.probability >= self.config.least
-            if worth and len(asked) < self.config.hypotheses:
+            moved = hypothesis.unconfirmed > 0 or hypothesis.turned > 0
+            worth = hypothesis.probability >= self.config.least
+            if moved and worth and len(asked) < self.config.hypotheses:
                 reference = self._nearest(hypothesis.place, self._references)
                 if reference is not None:
                     asked.append((number, *reference))

@@ -4,8 +4,10 @@ import csv
 import gzip
 import io
 
+import numpy as np
 import pytest
 
+import aprjax
 import aprjax.cli.match as cli_match
 from aprjax.cli.main import main
 
@@ -72,6 +74,19 @@ def test_what_another_run_left_is_not_mixed_in(long, tmp_path, calls):
     first = run(long, out)
     assert calls["done"] == 3
     assert run(long, tmp_path / "whole.csv") == first
+
+
+def test_pieces_for_other_poses_of_the_references_are_not_mixed_in(long, tmp_path, calls):
+    references, queries = long
+    known = aprjax.ReferenceSet.build([entry.scan for entry in aprjax.read_log(references)])
+    stored, out = tmp_path / "known.npz", tmp_path / "m.csv"
+    aprjax.save_references(known, stored)
+    interrupt((stored, queries), out, calls)
+    poses = np.zeros((len(known), 3))
+    placed = aprjax.ReferenceSet.build(known.scans, T_world_ref=poses)
+    aprjax.save_references(placed, stored)
+    run((stored, queries), out)
+    assert calls["done"] == 3
 
 
 def test_no_scan_answers_itself_where_that_is_asked_for(logs, tmp_path, calls):

@@ -206,6 +206,7 @@ def test_a_log_is_read_again_by_every_iteration(write):
         (robot(resolution=0), "field of view"),
         (robot(resolution="nan"), "field of view"),
         (robot(resolution=0.1), "field of view"),
+        (robot(resolution=6.2898 / 5), "field of view"),
         (raw(start=-90), "field of view"),
         (raw(start="left"), "not a number"),
         (raw() + " 0", "fields"),
@@ -473,6 +474,43 @@ def test_steps_go_from_the_first_odom_after_a_scan_to_the_last_before_the_next(w
     expected = [[0, 0, 0], [2, 0, math.pi / 2], *[[1, 3, math.pi / 2]] * 3]
     np.testing.assert_allclose(odometry(log), expected, atol=1e-12)
     assert log.report.moved == 2
+
+
+@pytest.mark.parametrize(("odoms", "scans"), [(50, 5), (20, 5), (10, 5), (10, 10), (7, 10)])
+@pytest.mark.parametrize("stated", ["0 0 0", "odometry"])
+def test_a_raw_log_keeps_the_motion_across_its_scans(write, odoms, scans, stated):
+    """ODOM lines go on; lasers state the pose of the last one, or nothing."""
+    moments = sorted(
+        [(k / odoms, "odom") for k in range(10 * odoms)]
+        + [(k / scans + 1e-3, "scan") for k in range(10 * scans)]
+    )
+    lines, truth, x = [], [], 0.0
+    for stamp, kind in moments:
+        if kind == "odom":
+            x = 0.5 * stamp
+            lines.append(odom(x, 0, 0))
+        else:
+            truth.append(x)
+            pose = f"{x} 0 0" if stated == "odometry" else stated
+            lines.append(old(pose=pose, odom=pose))
+    log = read_log(write(*lines))
+    np.testing.assert_allclose(odometry(log)[:, 0], np.array(truth) - truth[0], atol=1e-9)
+    assert log.report.moved == sum(a != b for a, b in zip(truth, truth[1:], strict=False))
+
+
+def test_small_restarts_at_the_scans_own_pose_are_known_for_what_they_are(write):
+    """Wheel odometry that is a tenth too long, in a corrected log."""
+    lines = []
+    for k in range(20):
+        pose = f"{0.5 * k} 0 0"
+        lines += [old(pose=pose, odom=pose), odom(0.5 * k, 0, 0), odom(0.5 * k + 0.55, 0, 0)]
+    log = read_log(write(*lines))
+    np.testing.assert_allclose(odometry(log)[:, 0], 0.55 * np.arange(20), atol=1e-9)
+
+
+def test_robot_poses_are_taken_where_odom_lines_tell_of_no_step(write):
+    log = read_log(write(odom(0, 0, 0), robot(), robot(robot_pose="8 8 0.9")))
+    np.testing.assert_array_equal(odometry(log), [[7, 8, 0.9], [8, 8, 0.9]])
 
 
 def test_headings_stay_within_half_a_turn(write):

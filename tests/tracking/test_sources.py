@@ -10,7 +10,7 @@ from aprjax.scan import Scan
 from aprjax.tracking import validation
 from aprjax.tracking.apr import AprSource, MatchedSource, estimates
 from aprjax.tracking.continuity import ScanContinuity, end_points
-from aprjax.tracking.hypothesis import VolumeConfig
+from aprjax.tracking.hypothesis import Step, VolumeConfig
 from aprjax.tracking.idc import Idc
 from aprjax.tracking.neighbours import Neighbours, seen_from
 from aprjax.tracking.odometry import Gyro, OdometryConfig, WheelOdometry
@@ -292,6 +292,16 @@ def test_idc_says_nothing_where_no_reference_is_near(judged_by_idc):
     hypotheses = tuple(h.moved(drive(3.0), VolumeConfig()) for h in hypotheses)
     (verdict,) = judged_by_idc(outcome(T=(5.0, 0, 0)), hypotheses, world)
     assert verdict.likelihood == 1
+
+
+def test_idc_is_asked_after_turning_on_the_spot(judged_by_idc):
+    world = corridor()
+    hypotheses = tuple(
+        h.moved(Step(np.array([0, 0, 0.1]), np.diag([0.0, 0.0, 1e-4])), VolumeConfig())
+        for h in sure(world=world).hypotheses
+    )
+    (verdict,) = judged_by_idc(outcome(), hypotheses, world)
+    assert verdict.likelihood > 1
 
 
 def test_idc_does_not_count_a_scan_again_that_has_just_confirmed(judged_by_idc):

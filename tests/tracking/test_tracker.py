@@ -1,12 +1,13 @@
 import inspect
 import json
 import logging
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from aprjax.plane import compose, distance
-from aprjax.tracking.belief import Situation
+from aprjax.tracking.belief import Belief, Situation
 from aprjax.tracking.evidence import EvidenceConfig
 from aprjax.tracking.hypothesis import Step, VolumeConfig
 from aprjax.tracking.odometry import Gyro, WheelOdometry
@@ -165,6 +166,18 @@ def test_rewards_grow_with_the_probability_of_the_estimate():
         made.observe(estimates=[at(0, 1.0, probability=probability)])
         left.append(only(made).probability)
     assert left == sorted(set(left))
+
+
+def test_the_most_probable_hypothesis_comes_first_after_a_move_too():
+    made = tracker()
+    large = replace(only(sure()), number=0, probability=0.5, covariance=np.diag([4.0, 4.0, 0.01]))
+    small = replace(only(sure()), number=1, probability=0.45)
+    made.belief = Belief((large, small), 0.05, 2)
+    for _ in range(8):
+        made.move(step=drive(0.5, deviation=1.0))
+        probabilities = [h.probability for h in made.hypotheses]
+        assert probabilities == sorted(probabilities, reverse=True)
+    assert made.belief.best.number == 1
 
 
 def test_an_unconfirmed_hypothesis_is_punished_by_the_likelihood_of_a_miss():
@@ -560,6 +573,36 @@ def test_readings_out_of_order_are_left_out(caplog):
     assert "too late" in caplog.text
     made.observe(stamp=10.1, estimates=[at(2)])
     assert len(made.hypotheses) == 2
+
+
+@pytest.mark.parametrize("back", [5.0, 30.0, 59.0, 90.0])
+def test_a_clock_that_is_set_back_stops_the_tracker_for_two_readings_at_most(back, caplog):
+    made = tracker(tracking=[WheelOdometry()])
+    made.belief = sure().belief
+    for k in range(50):
+        stamp = 100.0 + 0.1 * k - (back if k >= 25 else 0.0)
+        made.move(stamp=stamp, odometry=[0.05 * k, 0.0, 0.0])
+        made.observe(stamp=stamp, verdict=approve(1.0))
+    (best,) = made.hypotheses
+    assert best.place.T_node_laser[0] == pytest.approx(0.05 * 49)
+    assert len(caplog.messages) <= 4
+
+
+def test_one_stamp_in_the_future_costs_two_readings_at_most():
+    made = tracker(tracking=[WheelOdometry()])
+    made.belief = sure().belief
+    for k in range(50):
+        made.move(stamp=100.0 + 0.1 * k + 30.0 * (k == 25), odometry=[0.05 * k, 0.0, 0.0])
+        assert made.belief.best.place.T_node_laser[0] >= 0.05 * (k - 2) - 1e-9
+    assert made.belief.best.place.T_node_laser[0] == pytest.approx(0.05 * 49)
+
+
+def test_late_readings_that_do_not_follow_each_other_are_left_out_however_many():
+    made = tracker()
+    made.observe(stamp=10.0, estimates=[at()])
+    before = made.belief
+    for stamp in (9.9, 9.8, 9.7, 9.7, 9.7, 9.6, 9.65):
+        assert made.observe(stamp=stamp, estimates=[at(2)]) is before
 
 
 def test_repeated_readings_and_a_clock_that_stands_still_do_no_harm():
