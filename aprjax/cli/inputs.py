@@ -3,8 +3,11 @@
 import argparse
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
+
+import numpy as np
 
 from aprjax.anchors.extract import ExtractionConfig
 from aprjax.cli.errors import CommandError
@@ -14,6 +17,7 @@ from aprjax.io.log import LogEntry, LogError, LogReport
 from aprjax.io.logs import read_log
 from aprjax.io.occupancy_grid import OccupancyGridError, read_occupancy_grid
 from aprjax.io.reference_file import ReferenceFileError, load_references, looks_like_references
+from aprjax.plane import compose
 from aprjax.references import ReferenceSet
 from aprjax.scan import Scan
 
@@ -118,6 +122,27 @@ def add_topic_options(parser: argparse.ArgumentParser, *, odometry: bool = False
         )
 
 
+def add_laser(parser: argparse.ArgumentParser) -> None:
+    """Add the option that says where the laser sits, for `read_drive`."""
+    parser.add_argument(
+        "--laser",
+        type=_pose,
+        metavar="X,Y,DEG",
+        help="where the laser sits on the robot, whose pose a log's odometry gives: metres ahead "
+        "and to the left, degrees counter-clockwise (default: 0,0,0, or as a bag says)",
+    )
+
+
+def _pose(text: str) -> tuple[float, float, float]:
+    try:
+        x, y, degrees = map(float, text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not X,Y,DEG") from None
+    if not np.all(np.isfinite([x, y, degrees])):
+        raise argparse.ArgumentTypeError(f"{text!r} is not finite")
+    return x, y, float(np.radians(degrees))
+
+
 def read_entries(
     path: Path, topic: str | None, odometry: str | Literal[False] | None, *, strict: bool = False
 ) -> tuple[list[LogEntry], LogReport]:
@@ -133,17 +158,26 @@ def read_entries(
 
 
 def read_drive(arguments: argparse.Namespace) -> list[LogEntry]:
-    """All scans of a command's log, which must have odometry; says what of it is damaged."""
+    """All scans of a command's log, which must have odometry; says what of it is damaged.
+
+    The odometry is the laser's, as `--laser` says where it is mounted.
+    """
     path = arguments.log
     entries, report = read_entries(
         path, arguments.topic, arguments.odometry, strict=arguments.strict
     )
     warn_of_damage(path, report)
-    if any(entry.odometry is None for entry in entries):
+    poses = [entry.odometry for entry in entries if entry.odometry is not None]
+    if len(poses) < len(entries):
         raise CommandError(f"{path}: there is no odometry")
-    if len(entries) > 1 and not np.ptp([entry.odometry for entry in entries], axis=0).any():
+    if len(poses) > 1 and not np.ptp(poses, axis=0).any():
         print(f"{path}: by its odometry the robot never moves", file=sys.stderr)
-    return entries
+    if arguments.laser is None:
+        return entries
+    if any(laser in report.T_robot_laser for laser in report.lasers):
+        raise CommandError(f"--laser: {path} itself says where its laser sits")
+    odometry = compose(np.array(poses), np.array(arguments.laser))
+    return [replace(entry, odometry=pose) for entry, pose in zip(entries, odometry, strict=True)]
 
 
 def read_scans(

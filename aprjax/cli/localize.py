@@ -12,7 +12,7 @@ import numpy as np
 
 from aprjax.atomic import atomic_write
 from aprjax.cli.errors import CommandError
-from aprjax.cli.inputs import add_topic_options, read_drive
+from aprjax.cli.inputs import add_laser, add_topic_options, read_drive
 from aprjax.cli.map import open_map, warn_of_parts
 from aprjax.cli.outputs import check_outputs, make_folder
 from aprjax.cli.progress import Progress
@@ -28,7 +28,7 @@ from aprjax.tracking.classes import scan_source
 from aprjax.tracking.replay import replay
 from aprjax.tracking.sources import ValidationSource
 from aprjax.tracking.table import hypothesis_rows
-from aprjax.tracking.tracker import HypothesisTracker, motion_sources
+from aprjax.tracking.tracker import HypothesisTracker
 from aprjax.tracking.validation import IdcSource
 from aprjax.world.model import WorldModel
 from aprjax.world.parts import WorldModelError
@@ -77,14 +77,7 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
         action="store_true",
         help="also let classes of scans confirm and weaken hypotheses",
     )
-    parser.add_argument(
-        "--laser",
-        type=_pose,
-        default=(0.0, 0.0, 0.0),
-        metavar="X,Y,DEG",
-        help="where the laser sits on the robot, whose pose odometry gives: metres ahead and to "
-        "the left, degrees counter-clockwise (default: 0,0,0)",
-    )
+    add_laser(parser)
     parser.add_argument(
         "--strict", action="store_true", help="stop at a damaged line instead of skipping it"
     )
@@ -139,7 +132,6 @@ def _tracker(world: WorldModel, arguments: argparse.Namespace) -> HypothesisTrac
     return HypothesisTracker(
         world,
         primary=[MatchedSource()],
-        tracking=motion_sources(world, arguments.laser),
         validation=validation,
     )
 
@@ -219,16 +211,6 @@ def _cycles(text: str) -> tuple[int, ...]:
     if not all(word.isdecimal() and word.isascii() and int(word) > 0 for word in words):
         raise argparse.ArgumentTypeError(f"{text!r} is no list of whole numbers from 1")
     return tuple(map(int, words))
-
-
-def _pose(text: str) -> tuple[float, float, float]:
-    try:
-        x, y, degrees = map(float, text.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not X,Y,DEG") from None
-    if not np.all(np.isfinite([x, y, degrees])):
-        raise argparse.ArgumentTypeError(f"{text!r} is not finite")
-    return x, y, float(np.radians(degrees))
 
 
 def _summarise(beliefs: list[Belief], seconds: float) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from aprjax.atomic import atomic_write
 from aprjax.cli.errors import CommandError
-from aprjax.cli.inputs import add_topic_options, read_drive
+from aprjax.cli.inputs import add_laser, add_topic_options, read_drive
 from aprjax.cli.outputs import check_output
 from aprjax.cli.progress import Progress
 from aprjax.io.pose_graph import pose_graph_text
@@ -62,6 +62,7 @@ def add_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
     build.add_argument(
         "--strict", action="store_true", help="stop at a damaged line instead of skipping it"
     )
+    add_laser(build)
     add_topic_options(build, odometry=True)
     build.set_defaults(run=_build)
 

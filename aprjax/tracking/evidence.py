@@ -15,8 +15,9 @@ ratio is 1. So it is punished when hypotheses are confirmed, and rewarded when t
 `missed` is the probability that a primary source does not find a place that it should know;
 `gain` says how much seldomer a wrong estimate falls just there. Readings over a short way see the
 same and err alike. So a ratio counts with the power min(way / independence, 1), `way` being that
-since the source's last reading, turns included: at rest nothing adds up, and over a way the
-evidence does not depend on how often the scanner looks.
+since the source's last reading, turns included: at rest nothing adds up, but for the share of the
+rest that every other place takes that is named there; and over a way the evidence does not depend
+on how often the scanner looks.
 
 The robot may be carried away, or leave a volume unnoticed: with every metre each λ_i loses a
 share, `leak`, to the rest; a source of motion that doubts its step takes away that share more, and

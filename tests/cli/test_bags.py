@@ -91,6 +91,15 @@ def test_info_lists_the_topics_and_describes_the_scans(tmp_path, command):
     assert "mounted at: /scan at 0.2 0.0 0.0" in out
 
 
+def test_a_laser_is_not_mounted_twice(tmp_path, command):
+    bag = Bag("mcap").scan(RANGES).scan(RANGES, 2.0).odometry([0, 0, 0]).odometry([1, 0, 0], 2.0)
+    path = bag.transform("base_link", "laser", [0.2, 0.0, 0.0]).write(tmp_path)
+    words = "map", "build", path, "--laser", "0.2,0,0", "--out", tmp_path / "out"
+    status, _, err = command(*words)
+    assert status == 1
+    assert err == f"aprjax: --laser: {path} itself says where its laser sits\n"
+
+
 def test_of_several_topics_one_has_to_be_chosen(tmp_path, command):
     path = Bag("ros1").scan(RANGES, topic="/a").scan(RANGES[:90], topic="/b").write(tmp_path)
     facts = json.loads(command("info", path, "--json")[1])

@@ -1,5 +1,6 @@
 import gzip
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -495,7 +496,7 @@ def test_a_raw_log_keeps_the_motion_across_its_scans(write, odoms, scans, stated
             lines.append(old(pose=pose, odom=pose))
     log = read_log(write(*lines))
     np.testing.assert_allclose(odometry(log)[:, 0], np.array(truth) - truth[0], atol=1e-9)
-    assert log.report.moved == sum(a != b for a, b in zip(truth, truth[1:], strict=False))
+    assert log.report.moved == sum(a != b for a, b in pairwise(truth))
 
 
 def test_small_restarts_at_the_scans_own_pose_are_known_for_what_they_are(write):
