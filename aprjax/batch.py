@@ -12,12 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from aprjax.configuration import check_single
+from aprjax.configuration import check_kind, check_single
 from aprjax.matcher import MatchConfig, MatchResult, match_together, result_shapes
 from aprjax.numerics import bucket, single_precision
 from aprjax.packing import pack, unpack, width
 from aprjax.programs import Program
-from aprjax.references import ReferenceIndex, ReferenceSet, checked_ids
+from aprjax.references import ReferenceIndex, ReferenceSet, check_references, checked_ids
 from aprjax.scan import Scan, as_stack
 
 
@@ -50,14 +50,13 @@ def match_batch(
     `scans` is a list of scans or a stacked `Scan`; the result has a leading axis of that length
     and lies on the host. `exclude` `(queries, any)` are ids of references that must not answer a
     query, as the scans taken just before it in a search for closed loops; -1 stands for none. The
-    call compiles once for each bucket of beams, of references and of queries (see
-    `numerics.bucket`), whatever the thresholds. Raises `ValueError` for an empty list, for no
-    references, and naming what is no scan, no id or no `MatchConfig`; a scan in which nothing can
-    be found is no error but a status.
+    call compiles once for each bucket of beams, of references, of queries and of ids to exclude
+    (see `numerics.bucket`), whatever the thresholds. Raises `ValueError` for an empty list, for no
+    references, and naming what is no scan, no id, no `ReferenceSet` or no `MatchConfig`; a scan in
+    which nothing can be found is no error but a status.
     """
     config = checked_config(config)
-    if len(references) == 0:
-        raise ValueError("references: the set is empty")
+    check_references(references, ReferenceSet)
     batch, excluded = checked_queries(scans, exclude)
     queries = len(excluded)
     on_cpu = jax.default_backend() == "cpu"
@@ -119,8 +118,7 @@ def checked_config(config: MatchConfig | None) -> MatchConfig:
     """
     if config is None:
         return _defaults()
-    if not isinstance(config, MatchConfig):
-        raise ValueError(f"config: {type(config).__name__} is no MatchConfig")
+    check_kind("config", config, MatchConfig)
     check_single(config)
     return config
 

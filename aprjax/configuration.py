@@ -36,7 +36,7 @@ def threshold(default: float, doc: str, *, least: float = 0.0, most: float = np.
         if given is None:
             raise ValueError(f"{field.name}: {shown(value)} is not a number")
         with np.errstate(over="ignore"):
-            array = given.astype(np.float32, copy=False)
+            array = given.astype(np.float32)  # nobody else's
         right = np.isfinite(array) & (array >= lowest) & (array <= highest)
         if not right.all():
             first = tuple(np.argwhere(~right)[0])
@@ -75,6 +75,12 @@ def capacity(default: int | None, doc: str, *, least: int = 1) -> Any:
 
     field = _field(default, convert, {"doc": doc}, static=True)
     return field
+
+
+def check_kind(name: str, value: Any, kind: type) -> None:
+    """Raise `ValueError` naming an argument that is of another kind."""
+    if not isinstance(value, kind):
+        raise ValueError(f"{name}: {type(value).__name__} is no {kind.__name__}")
 
 
 def check_single(config: eqx.Module, name: str = "config") -> None:

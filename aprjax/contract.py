@@ -47,6 +47,7 @@ own result; in a batch it leaves its neighbours their bits.
 | a stack in which a field has another number of scans | ValueError: angle_min |
 | a stack in which a scan has fewer beams than none, or more than slots | ValueError: beams[1] |
 | a scan in a list with more beams than ranges | ValueError: scans[1] |
+| a stack in which a scan has an angle or limit that no scan has | ValueError: range_min[1] |
 | **Poses and ids** | |
 | a pose farther than 1e8 m from the origin | ValueError: T_world_ref[1] |
 | an excluded id that int32 cannot hold | ValueError: exclude[0, 1] |
@@ -56,6 +57,7 @@ own result; in a batch it leaves its neighbours their bits.
 | **Batches** | |
 | no scans | ValueError: scans |
 | no references | ValueError: references |
+| a list of scans for references | ValueError: references |
 | scans of different numbers of beams | as each alone |
 | a scan that is a batch itself | ValueError: scans[1] |
 | what is no scan, among scans | ValueError: scans[1] |

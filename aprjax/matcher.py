@@ -55,7 +55,9 @@ class MatchConfig(eqx.Module):
     cascade: bool = capacity(
         True, "whether edges vote, and only a shortlist is fully evaluated; else the paper's way"
     )
-    hypotheses: int = capacity(5, "K, the most hypotheses of a query")
+    hypotheses: int = capacity(
+        5, "K, the most hypotheses of a query; beyond `shortlist.kept`, more is evaluated for them"
+    )
     chunk: int = capacity(32, "queries worked on at a time, which bounds the memory")
 
     @property
@@ -318,7 +320,8 @@ def rank(evaluated: Evaluated, references: ReferenceIndex, config: MatchConfig) 
     """The K best alternatives, their qualities, and whether the best one has an equal rival.
 
     Alternatives of one reference that refinement brought to the same pose are one hypothesis. How
-    many hypotheses are asked for changes the quality of none.
+    many hypotheses are asked for changes the quality of none, unless they are more than
+    `ShortlistConfig.kept`: then more alternatives are evaluated, which may be rivals.
     """
     rules = config.distinctiveness
     T_ref_query, row = evaluated.T_ref_query, evaluated.row

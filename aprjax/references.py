@@ -9,7 +9,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
-from aprjax.configuration import check_single, shown
+from aprjax.configuration import check_kind, check_single, shown
 from aprjax.evaluation.distinctiveness import Placement
 from aprjax.features import FeatureConfig, Features, describe
 from aprjax.grid.occupancy_grid import OccupancyGrid
@@ -90,7 +90,7 @@ class ReferenceSet:
         stacked = as_stack(scans)
         count = np.shape(stacked.ranges)[0]
         config = checked_features(config)
-        return cls.restore(stacked, np.arange(count), count, config, T_world_ref)
+        return cls.restore(stacked, next_ids(0, count), count, config, T_world_ref)
 
     @classmethod
     def from_occupancy_grid(
@@ -151,7 +151,6 @@ class ReferenceSet:
         config: FeatureConfig,
     ) -> Self:
         """The set of scans whose features are known, on the host."""
-        ids = np.asarray(ids, np.int32)
         index = index_of(features, ids, T_world_ref - middle(T_world_ref), config)
         return cls(scans, ids, next_id, T_world_ref, jax.device_put(index))
 
@@ -171,7 +170,7 @@ class ReferenceSet:
             features = joined(self._features(), described(new, self.index.config))
         else:  # views are as wide as the scans
             features = described(both, self.index.config)
-        ids = np.r_[self.ids, self.next_id + np.arange(count)].astype(np.int32)
+        ids = np.r_[self.ids, next_ids(self.next_id, count)]
         poses = np.concatenate([self.T_world_ref, checked_poses(T_world_ref, count)])
         return self._of(both, ids, self.next_id + count, poses, features, self.index.config)
 
@@ -202,10 +201,16 @@ def checked_features(config: FeatureConfig | None) -> FeatureConfig:
     """
     if config is None:
         return FeatureConfig()
-    if not isinstance(config, FeatureConfig):
-        raise ValueError(f"config: {type(config).__name__} is no FeatureConfig")
+    check_kind("config", config, FeatureConfig)
     check_single(config)
     return config
+
+
+def check_references(references: Any, kind: type) -> None:
+    """Raise `ValueError` unless these are references of that kind, and some."""
+    check_kind("references", references, kind)
+    if len(references) == 0:
+        raise ValueError("references: the set is empty")
 
 
 def described(scans: Scan, config: FeatureConfig) -> Features:
@@ -223,6 +228,13 @@ def described(scans: Scan, config: FeatureConfig) -> Features:
             for start in range(0, max(count, 1), size)
         ]
     return jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *chunks)
+
+
+def next_ids(next_id: int, count: int) -> np.ndarray:
+    """The ids of `count` further references; raises `ValueError` where int32 has no more."""
+    if next_id + count > np.iinfo(np.int32).max:
+        raise ValueError(f"scans: there are no ids for {count} after {next_id - 1}")
+    return np.arange(next_id, next_id + count, dtype=np.int32)
 
 
 def remaining(ids: np.ndarray, gone: Iterable[int]) -> np.ndarray:
@@ -314,9 +326,13 @@ def index_of(
 ) -> ReferenceIndex:
     """The index of unpadded features, on the host, with so many rows or those of its bucket.
 
-    `T_world_ref` are poses around the origin (see `middle`).
+    `T_world_ref` are poses around the origin (see `middle`). Raises `ValueError` for more than
+    32 bits can number the raster cells of.
     """
     rows = bucket(max(len(ids), 1)) if rows is None else rows
+    most = np.iinfo(np.int32).max // config.raster.size**2
+    if rows > most:
+        raise ValueError(f"references: {len(ids)} of them are more than a set can hold, {most}")
 
     def pad(array: np.ndarray, fill: int = 0) -> Any:
         width = [(0, rows - len(ids))] + [(0, 0)] * (array.ndim - 1)

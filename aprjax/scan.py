@@ -5,7 +5,7 @@ Ranges follow ROS's REP 117: a finite value within the limits (inclusive) is a *
 finite value outside the limits) is *invalid*: nothing is known along that beam.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Self
 
 import equinox as eqx
@@ -179,8 +179,8 @@ class Scan(eqx.Module):
     def stack(cls, scans: Iterable[Self], slots: int | None = None) -> Self:
         """One batch on the host from scans of any beam counts, padded to `slots` or their bucket.
 
-        Raises `ValueError` for an empty list, for what is no scan or a batch itself, and for more
-        beams than ranges.
+        Raises `ValueError` for an empty list, for what is no scan or a batch itself, for more
+        beams than ranges, and as `check_columns`.
         """
         if not isinstance(scans, Iterable):
             raise ValueError(f"scans: {type(scans).__name__} is no list of scans")
@@ -209,6 +209,7 @@ class Scan(eqx.Module):
                 raise ValueError(
                     f"scans[{index}]: {beams} beams is not from 0 to {scan.ranges.shape[-1]}"
                 )
+        check_columns(columns, slots)
         return cls(ranges=ranges, **columns)  # pyright: ignore[reportArgumentType]
 
 
@@ -216,7 +217,7 @@ def as_stack(scans: Sequence[Scan] | Scan, of: str = "references") -> Scan:
     """Stacked scans `(any, slots)` in the documented dtypes, from a list or a stacked `Scan`.
 
     `of` is what they are, for the message. Raises `ValueError` for other shapes, for none, for
-    what are no numbers, and for numbers of beams that the slots cannot hold.
+    what are no numbers, and as `check_columns`.
     """
     if not isinstance(scans, Scan):
         return Scan.stack(scans)
@@ -225,13 +226,33 @@ def as_stack(scans: Sequence[Scan] | Scan, of: str = "references") -> Scan:
         raise ValueError(f"scans: ranges of shape {shape} are not ({of}, beams)")
     given = {name: getattr(scans, name) for name in _FIELDS}
     fields = {name: _typed(name, values) for name, values in given.items()}
-    beams = np.asarray(fields["beams"])
-    wrong = np.flatnonzero((beams < 0) | (beams > shape[1]))
-    if wrong.size:
-        raise ValueError(f"beams[{wrong[0]}]: {beams[wrong[0]]} is not from 0 to {shape[1]}")
+    check_columns(fields, shape[1])
     if all(fields[name] is values for name, values in given.items()):
         return scans
     return Scan(**fields)  # pyright: ignore[reportArgumentType]
+
+
+def check_columns(fields: Mapping[str, Any], slots: int) -> None:
+    """Raise `ValueError` naming the first of stacked scans `(any,)` that is no scan, and why.
+
+    What `Scan.make` demands of all but ranges: angles and limits are finite, the increment is not
+    zero nor the beams over a full turn, `0 <= range_min < range_max`, and the slots hold the beams.
+    """
+    columns = {name: np.asarray(fields[name]) for name in _SCALARS}
+
+    def check(name: str, right: np.ndarray, problem: str) -> None:
+        if not right.all():
+            index = int(np.argmin(right))
+            raise ValueError(f"{name}[{index}]: {columns[name][index]} {problem}")
+
+    for name, values in columns.items():
+        check(name, np.isfinite(values), "is not finite")
+    beams, step = columns["beams"], np.abs(columns["angle_increment"])
+    check("beams", (beams >= 0) & (beams <= slots), f"is not from 0 to {slots}")
+    turn = step.astype(float) * np.maximum(beams - 1, 1)
+    check("angle_increment", (step > 0) & (turn <= WIDEST), "is zero, or the beams pass 360°")
+    low, high = columns["range_min"], columns["range_max"]
+    check("range_min", (low >= 0) & (low < high), "is negative or not below range_max")
 
 
 def hide_nan(scans: Scan) -> tuple[Scan, Bool[Array, "*batch slots"]]:

@@ -26,7 +26,7 @@ class Status(enum.IntEnum):
     NO_CANDIDATE = 4
     """No reference shares enough edge lengths and angles with the query to be aligned."""
     BELOW_THRESHOLD = 5
-    """There were alignments, but none reached the quality threshold on e_m."""
+    """There were alignments, but the quality of none reached `MatchConfig.min_quality`."""
 
     @property
     def text(self) -> str:

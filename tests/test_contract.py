@@ -20,7 +20,9 @@ from aprjax.matcher import MatchConfig
 from aprjax.references import ReferenceSet
 from aprjax.refine import RefineConfig
 from aprjax.scan import Scan, as_stack
+from aprjax.sharding.match import match_sharded
 from aprjax.status import Status
+from aprjax.sweeping.run import sweep
 from tests.test_matcher import closed_room
 from tests.worlds import office, scan_at
 
@@ -177,6 +179,11 @@ def test_every_row_of_the_table_is_so(log, readings, references, status):
         """The batch with so many beams in its second scan."""
         return eqx.tree_at(lambda scans: scans.beams, batch, np.array([181, beams], np.int32))
 
+    def limited(name: str, value: float) -> Scan:
+        """The batch with this angle or limit in its second scan."""
+        values = np.array([getattr(batch, name)[0], value], np.float32)
+        return eqx.tree_at(lambda scans: getattr(scans, name), batch, values)
+
     several = FeatureConfig(ExtractionConfig(apart=np.array([0.2, 0.3])))  # pyright: ignore[reportArgumentType]
     unequal = ((20, np.linspace(1, 4, 20)), (3, [1.0, 2.0]))
 
@@ -272,6 +279,20 @@ def test_every_row_of_the_table_is_so(log, readings, references, status):
         "a scan in a list with more beams than ranges": lambda: refused(
             lambda: match_batch([good, jax.tree.map(lambda a: a[1], counted(193))], references)
         ),
+        "a stack in which a scan has an angle or limit that no scan has": lambda: all_equal(
+            refused(lambda: match_batch(limited(name, value), references)).replace(  # noqa: B023
+                name,
+                "range_min",
+            )
+            for name, value in (
+                ("angle_min", np.nan),
+                ("angle_increment", 0.0),
+                ("angle_increment", 1.0),
+                ("range_max", np.inf),
+                ("range_min", -1.0),
+                ("range_min", 30.0),
+            )
+        ),
         "a pose farther than 1e8 m from the origin": lambda: all_equal(
             refused(lambda: ReferenceSet.build(batch, T_world_ref=[[0, 0, 0], [0, far, 0]]))  # noqa: B023
             for far in (1e300, -1e9, np.inf)
@@ -299,6 +320,10 @@ def test_every_row_of_the_table_is_so(log, readings, references, status):
             )
         ),
         "no references": lambda: refused(lambda: match_batch([good], references.remove([0]))),
+        "a list of scans for references": lambda: all_equal(
+            refused(lambda: call([good], [good], MatchConfig()))  # noqa: B023
+            for call in (match_batch, match_sharded, sweep)
+        ),
         "scans of different numbers of beams": as_each_alone,
         "a scan that is a batch itself": lambda: refused(
             lambda: match_batch([good, batch], references)

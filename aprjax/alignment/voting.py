@@ -93,7 +93,9 @@ def vote(
 
     A reference's cells are divided at random into `places` parts, and of each part the best
     `poses` of all references are kept: next to the best of all, at a fraction of the time. Equals
-    are in the order of their rows. The query has as many slots for anchors as the references have.
+    are in the order of their rows; counts being small, the last that are kept mostly have equals
+    that are not, in references of higher rows. The query has as many slots for anchors as the
+    references have.
     """
     rows = k_m.shape[0]
     centre = _centre(query)

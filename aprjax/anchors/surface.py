@@ -94,7 +94,7 @@ def _side(
     eighth = jnp.ceil(0.25 * np.pi / jnp.abs(segments.angle_increment))
     slots = x.shape[0]
     room = jnp.minimum(room, jnp.minimum(eighth, slots).astype(jnp.int32))
-    bits = (slots // 2).bit_length()
+    bits = (slots - 1).bit_length()
 
     def halve(step, count):
         longer = jnp.minimum(count + (1 << (bits - 1 - step)), room)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
+import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Array, Float
@@ -69,11 +70,13 @@ class Catalogue:
         catalogue has slots for.
         """
         new = as_stack(scans)
-        if new.ranges.shape[-1] > self.slots:
-            raise ValueError(
-                f"scans: {new.ranges.shape[-1]} beams are more than the catalogue's {self.slots}"
-            )
-        new = jax.tree.map(np.array, new).pad(self.slots)  # nobody else's, to stay as they are
+        most = int(np.max(new.beams))
+        if most > self.slots:
+            raise ValueError(f"scans: {most} beams are more than the catalogue's {self.slots}")
+        new = jax.tree.map(np.array, new)  # nobody else's, to stay as they are
+        # What is cut off is padding.
+        new = eqx.tree_at(lambda scans: scans.ranges, new, new.ranges[:, : self.slots])
+        new = new.pad(self.slots)
         signatures = self.signatures(new)
         full = self.blocks
         if full and len(full[-1]) < BLOCK:

@@ -12,6 +12,7 @@ from jaxtyping import Array, Float, Int
 
 from aprjax.batch import checked_config, checked_queries, flat_thresholds
 from aprjax.catalogue.catalogue import BLOCK, Catalogue
+from aprjax.configuration import check_kind
 from aprjax.evaluation.distinctiveness import Placement
 from aprjax.features import FeatureConfig, describe
 from aprjax.matcher import MatchConfig, MatchResult, match_one
@@ -93,6 +94,7 @@ def match_catalogue(
     scans beyond a few hundred.
     """
     config = checked_config(config)
+    check_kind("catalogue", catalogue, Catalogue)
     if len(catalogue) == 0:
         raise ValueError("catalogue: it is empty")
     if likely < 1:

@@ -151,7 +151,7 @@ def _table(columns: list[Column], references: int) -> str:
     angle, threshold = np.degrees(RIGHT_ANGLE), float(MatchConfig().confident)
     return (
         f"{table}\n\nCorrect: within {RIGHT_DISTANCE:g} m and {angle:.0f}° of the truth. "
-        f"None: the best hypothesis has e_m below {threshold:.2g}, or a rival.\n"
+        f"None: the best hypothesis has a quality below {threshold:.2g}, or a rival.\n"
         "The paper's lab is a real one; its times are those of a 233 MHz Pentium."
     )
 

@@ -5,8 +5,8 @@
 The defaults are one set for all buildings and scanners of the README's tables. Before changing
 one, know which question it answers.
 
-*May the robot act on the answer?* `MatchResult.confident` says so: the best e_m reaches
-`MatchConfig.confident`, and no rival explains the scan about as well.
+*May the robot act on the answer?* `MatchResult.confident` says so: the best quality, e_m less what
+rivals cost, reaches `MatchConfig.confident`, and no rival explains the scan about as well.
 
 ```python
 >>> import aprjax

@@ -18,7 +18,7 @@ import numpy as np
 from aprjax.configuration import from_dict, to_dict
 from aprjax.features import FeatureConfig, describe
 from aprjax.io.files import MOST_BEAMS, most_unpacked, open_file
-from aprjax.scan import WIDEST, Scan
+from aprjax.scan import Scan, check_columns
 
 SCAN_FIELDS = {
     "angle_min": np.float32,
@@ -177,16 +177,10 @@ class Archive:
         ranges = self.get("ranges", (count, None), np.float32)
         check_size(*ranges.shape)
         fields = {name: self.get(name, (count,), kind) for name, kind in SCAN_FIELDS.items()}
-        for name, values in fields.items():
-            check_all(np.isfinite(values), f"{name}[{{}}] is not finite")
-        low, high = fields["range_min"], fields["range_max"]
-        check_all((low >= 0) & (low < high), "range_min[{}] is negative or not below range_max")
-        beams, step = fields["beams"], np.abs(fields["angle_increment"]).astype(float)
-        check_all(
-            (beams >= 0) & (beams <= ranges.shape[1]), "beams[{}] is not a number of the ranges"
-        )
-        turn = step * np.maximum(beams - 1, 0)
-        check_all((step > 0) & (turn <= WIDEST), "angle_increment[{}] is zero or too large")
+        try:
+            check_columns(fields, ranges.shape[1])
+        except ValueError as error:
+            raise ArchiveError(str(error)) from None
         return Scan(ranges=ranges, **fields)  # pyright: ignore[reportArgumentType]
 
 
@@ -213,13 +207,6 @@ def check_described(scans: Scan, features: FeatureConfig) -> None:
     size = count * sum(leaf.size * leaf.dtype.itemsize for leaf in described)
     if size > _MOST_BYTES:
         raise ArchiveError(f"its {count} references would take {size} bytes when described")
-
-
-def check_all(right: np.ndarray, message: str) -> None:
-    """Raise with the first index at which something is not right in the message."""
-    wrong = np.flatnonzero(~right)
-    if wrong.size:
-        raise ArchiveError(message.format(wrong[0]))
 
 
 def read_features(text: str) -> FeatureConfig:

@@ -36,13 +36,15 @@ class ReferenceFileError(ValueError):
 def save_references(references: ReferenceSet, path: str | os.PathLike[str]) -> None:
     """Write a reference set to exactly `path`, completely or not at all (see `atomic_write`).
 
-    Raises `ValueError` for a set without references or with too many, and `OSError` where it
-    cannot be written.
+    Raises `ValueError` for a set without references or with too many, and for capacities of its
+    description that a file may not ask for (over four times the defaults), as `load_references`
+    would; `OSError` where it cannot be written.
     """
     if len(references) == 0:
         raise ValueError("references: the set is empty")
-    scans = references.scans
+    scans, features = references.scans, json.dumps(to_dict(references.index.config))
     check_size(*np.shape(scans.ranges))
+    read_features(features)
     arrays: dict[str, Any] = {
         "format": np.array(FORMAT),
         "version": np.int64(VERSION),
@@ -50,7 +52,7 @@ def save_references(references: ReferenceSet, path: str | os.PathLike[str]) -> N
         "next_id": np.int64(references.next_id),
         "T_world_ref": np.asarray(references.T_world_ref, np.float64),
         "ranges": np.asarray(scans.ranges, np.float32),
-        "features": np.array(json.dumps(to_dict(references.index.config))),
+        "features": np.array(features),
     }
     for name, kind in SCAN_FIELDS.items():
         arrays[name] = np.asarray(getattr(scans, name), kind)

@@ -18,7 +18,7 @@ from aprjax.features import Features, describe
 from aprjax.matcher import Counts, MatchConfig, MatchResult, answer, evaluate, preselected, rank
 from aprjax.numerics import single_precision
 from aprjax.programs import compiler_options
-from aprjax.references import ReferenceIndex, rows_of
+from aprjax.references import ReferenceIndex, check_references, rows_of
 from aprjax.relations.histograms import preselection_quality
 from aprjax.scan import Scan
 from aprjax.sharding.references import ShardedReferences
@@ -38,10 +38,11 @@ def match_sharded(
 
     `match_batch` for references that are spread: arguments, result and errors are the same, and
     the result lies on the host of every process. Compiles once for each bucket of beams, of
-    references on a device and of queries. Raises `ValueError` also for a configuration without
-    the cascade.
+    references on a device, of queries and of ids to exclude. Raises `ValueError` also for a
+    configuration without the cascade.
     """
     config = checked_config(config)
+    check_references(references, ShardedReferences)
     if not config.cascade:
         raise ValueError("cascade: references on several devices are matched by the cascade only")
     batch, excluded = checked_queries(scans, exclude)

@@ -20,6 +20,7 @@ from aprjax.references import (
     index_of,
     joined,
     middle,
+    next_ids,
     remaining,
     rows_of,
 )
@@ -68,7 +69,7 @@ class ShardedReferences:
         count = np.shape(stacked.ranges)[0]
         poses = checked_poses(T_world_ref, count)
         config = checked_features(config)
-        return cls._spread(stacked, np.arange(count), count, poses, config, mesh)
+        return cls._spread(stacked, next_ids(0, count), count, poses, config, mesh)
 
     @classmethod
     def _spread(
@@ -85,7 +86,6 @@ class ShardedReferences:
             raise ValueError(f"mesh: axes {mesh.axis_names} are not one")
         if len(ids) < mesh.size:
             raise ValueError(f"scans: {len(ids)} of them are fewer than the {mesh.size} devices")
-        ids = np.asarray(ids, np.int32)
         bounds = np.linspace(0, len(ids), mesh.size + 1).astype(int)
         rows = bucket(int(np.diff(bounds).max()))
         origin = middle(T_world_ref)
@@ -117,7 +117,7 @@ class ShardedReferences:
         count = np.shape(new.ranges)[0]
         return self._spread(
             joined(there, new),
-            np.r_[self.ids, self.next_id + np.arange(count)],
+            np.r_[self.ids, next_ids(self.next_id, count)],
             self.next_id + count,
             np.concatenate([self.T_world_ref, checked_poses(T_world_ref, count)]),
             self.config,

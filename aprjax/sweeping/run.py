@@ -27,10 +27,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from aprjax.configuration import check_kind
 from aprjax.features import Features, describe
 from aprjax.matcher import Counts, MatchConfig, MatchResult, direction_spectra, match_one
 from aprjax.numerics import bucket, single_precision
-from aprjax.references import ReferenceIndex, ReferenceSet
+from aprjax.programs import Program
+from aprjax.references import ReferenceIndex, ReferenceSet, check_references
 from aprjax.relations.histograms import preselection_quality
 from aprjax.scan import Scan, as_stack
 from aprjax.sweeping.axes import FEATURES, check_names, configured, product
@@ -41,7 +43,11 @@ have an equal share of the queries."""
 
 
 class Keeper(Protocol):
-    """Where finished pieces are kept, so that an interrupted sweep goes on where it was."""
+    """Where finished pieces are kept, so that an interrupted sweep goes on where it was.
+
+    One belongs to one sweep: what is kept under a name is taken for that of the same scans,
+    references and configurations. `aprjax.io.pieces` keeps them in files and tells them apart.
+    """
 
     def load(self, name: str) -> dict[str, np.ndarray] | None:
         """The columns stored under this name, if they are there."""
@@ -78,12 +84,12 @@ def sweep(
     `match_batch` but for the order of float32 sums: qualities and poses agree to 1e-5, save where
     two hypotheses are equally good. On a CPU the queries are shared among its cores. Finished
     pieces go to `keep`, and those found there are not computed; `watch` is told of each. Raises
-    `ValueError` for thresholds of different lengths, for none that is an array, for no scan and
-    for no reference.
+    `ValueError` for thresholds of different lengths, for none that is an array, for no scan, for
+    no reference, and for arguments of another kind.
     """
+    check_kind("configs", configs, MatchConfig)
+    check_references(references, ReferenceSet)
     count = _count(configs)
-    if len(references) == 0:
-        raise ValueError("references: the set is empty")
     batch = as_stack(scans, "queries")
     queries = batch.ranges.shape[0]
     size = min(QUERIES, bucket(queries, smallest=1))
@@ -95,12 +101,11 @@ def sweep(
         with single_precision():
             return _work(start, here, size, references.index, configs, groups, keep)
 
-    # The first one compiles for all, as in `match_batch`.
     workers = (os.cpu_count() or 1) if jax.default_backend() == "cpu" else 1
     starts = range(0, queries, size)
     found: list[list[MatchResult]] = []
     with ThreadPoolExecutor(workers) as pool:
-        for results, pieces in itertools.chain([work(0)], pool.map(work, starts[1:])):
+        for results, pieces in pool.map(work, starts):
             found.append(results)
             if watch is not None:
                 for piece in pieces:
@@ -131,7 +136,9 @@ def sweep_grid(
     all else is swept within it. Raises `ValueError` as `product`, `configured` and `sweep` do.
     """
     check_names(axes)
-    columns, config = product(axes), config or MatchConfig()
+    check_references(references, ReferenceSet)
+    columns, config = product(axes), MatchConfig() if config is None else config
+    check_kind("config", config, MatchConfig)
     described = {name: column for name, column in columns.items() if name.startswith(FEATURES)}
     matched = {name: column for name, column in columns.items() if name not in described}
     choices, choice = _unique(list(described.values()), len(next(iter(columns.values()))))
@@ -215,14 +222,14 @@ def _work(
         columns = None if keep is None else keep.load(name)
         if columns is None:
             if described is None:
-                described = _describe(scans.pad_batch(size), references)
+                described = _describe_program(scans.pad_batch(size), references)
             padded = np.pad(index, (0, most - len(index)), mode="edge")
             result = jax.device_get(
-                _sweep_chunk(
-                    *described,
+                _sweep_program(
+                    described,
                     references,
                     _chosen(configs, padded),
-                    most,
+                    count=most,
                     together=jax.default_backend() != "cpu",
                 )
             )
@@ -248,17 +255,22 @@ def _chosen(configs: MatchConfig, index: np.ndarray) -> MatchConfig:
     return chosen
 
 
-@jax.jit
-def _describe(scans: Scan, references: ReferenceIndex) -> tuple[Features, Array]:
+class _Described(eqx.Module):
+    """Queries, and what preselection makes of them."""
+
+    features: Features
+    q_m: Float[Array, "queries rows"]
+
+
+def _describe(scans: Scan, references: ReferenceIndex) -> _Described:
     queries = jax.vmap(describe, (0, None))(scans, references.config)
     relation = references.config.relation
-    return queries, preselection_quality(queries.histogram, references.features.histogram, relation)
+    q_m = preselection_quality(queries.histogram, references.features.histogram, relation)
+    return _Described(queries, q_m)
 
 
-@partial(jax.jit, static_argnames=("count", "together"))
 def _sweep_chunk(
-    queries: Features,
-    q_m: Float[Array, "queries rows"],
+    queries: _Described,
     references: ReferenceIndex,
     configs: MatchConfig,
     count: int,
@@ -269,11 +281,15 @@ def _sweep_chunk(
     nothing = jnp.full(1, -1, jnp.int32)
     spectra = None if configs.cascade else direction_spectra(references)
 
-    def one(of: tuple[Features, Array]) -> MatchResult:
-        each = partial(match_one, *of, nothing, references, spectra=spectra)
+    def one(query: _Described) -> MatchResult:
+        each = partial(match_one, query.features, query.q_m, nothing, references, spectra=spectra)
         return jax.vmap(each, (axes,), axis_size=count)(configs)
 
-    return (jax.vmap(one) if together else partial(jax.lax.map, one))((queries, q_m))
+    return (jax.vmap(one) if together else partial(jax.lax.map, one))(queries)
+
+
+_describe_program = Program(_describe, _Described)
+_sweep_program = Program(_sweep_chunk, MatchResult, static=("count", "together"))
 
 
 _NAMES = [f.name for f in fields(MatchResult) if f.name != "counts"]

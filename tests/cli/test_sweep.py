@@ -2,6 +2,7 @@
 
 import csv
 import json
+import threading
 
 import jax
 import numpy as np
@@ -84,9 +85,9 @@ def test_other_values_compile_nothing(scans, references, folder):
         return sweep_grid(scans, references, axes, MatchConfig(hypotheses=1))
 
     run(0.1)
-    compiled = sweep_run._sweep_chunk._cache_size()
+    compiled = sweep_run._sweep_program.compiled
     run(0.07, 0.08, 0.09)
-    assert sweep_run._sweep_chunk._cache_size() == compiled
+    assert sweep_run._sweep_program.compiled == compiled > 0
 
 
 def test_the_table_has_the_figures_of_the_answers(entries, references, scans, folder):
@@ -125,23 +126,24 @@ class KilledError(Exception):
 def test_an_interrupted_sweep_goes_on_where_it_was_with_the_same_tables(
     logs, folder, tmp_path, command, monkeypatch
 ):
-    stored, real = [], Pieces.store
+    stored, real, lock = [], Pieces.store, threading.Lock()
 
     def store(self, name, columns):
-        if len(stored) == 1:
-            raise KilledError
-        real(self, name, columns)
-        stored.append(name)
+        with lock:
+            if stored:
+                raise KilledError
+            real(self, name, columns)
+            stored.append(name)
 
     monkeypatch.setattr(Pieces, "store", store)
     with pytest.raises(KilledError):
         command(*sweeping(logs, tmp_path))
     assert [path.name for path in tmp_path.iterdir()] == ["pieces"]
 
-    computed, chunk = [], sweep_run._sweep_chunk
+    computed, program = [], sweep_run._sweep_program
     monkeypatch.setattr(Pieces, "store", real)
     monkeypatch.setattr(
-        sweep_run, "_sweep_chunk", lambda *a, **k: computed.append(1) or chunk(*a, **k)
+        sweep_run, "_sweep_program", lambda *a, **k: computed.append(1) or program(*a, **k)
     )
     status, out, err = command(*sweeping(logs, tmp_path))
     assert (status, out) == (0, "")

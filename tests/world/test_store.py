@@ -139,7 +139,11 @@ def test_foreign_and_cut_off_files(square, tmp_path):
         ("reference_poses", lambda a: a / 0, "no pose of three finite numbers"),
         ("reference_poses", lambda a: a + 1e308, "has numbers over 1e+07"),
         ("ranges", lambda a: a[1:], "ranges has shape"),
-        ("angle_increment", lambda a: 0 * a, "angle_increment[0] is zero or too large"),
+        (
+            "angle_increment",
+            lambda a: 0 * a,
+            "angle_increment[0]: 0.0 is zero, or the beams pass",
+        ),
         ("image_classes", lambda a: a[:0], "image_ids has shape (1,), not (0)"),
         ("image_ids", lambda a: a - 1, "image -1: ids are not negative"),
         ("features", lambda a: np.array("{"), "features is not JSON"),
