@@ -8,14 +8,13 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
 from aprjax.configuration import check_kind, check_single
 from aprjax.matcher import MatchConfig, MatchResult, match_together, result_shapes
 from aprjax.numerics import bucket, single_precision
-from aprjax.packing import pack, unpack, width
+from aprjax.packing import pack, unpack
 from aprjax.programs import Program
 from aprjax.references import ReferenceIndex, ReferenceSet, check_references, checked_ids
 from aprjax.scan import Scan, as_stack
@@ -46,48 +45,47 @@ def match_batch(
 ) -> MatchResult:
     """Where each scan was taken, with respect to every reference, by jitted calls.
 
-    On a CPU, a batch of several chunks is shared among its cores, one call for each.
-    `scans` is a list of scans or a stacked `Scan`; the result has a leading axis of that length
-    and lies on the host. `exclude` `(queries, any)` are ids of references that must not answer a
-    query, as the scans taken just before it in a search for closed loops; -1 stands for none. The
-    call compiles once for each bucket of beams, of references, of queries and of ids to exclude
-    (see `numerics.bucket`), whatever the thresholds. Raises `ValueError` for an empty list, for no
-    references, and naming what is no scan, no id, no `ReferenceSet` or no `MatchConfig`; a scan in
-    which nothing can be found is no error but a status.
+    On a CPU they are shared among its cores: `MatchConfig.chunk` scans a call where there are so
+    many for each core, else one. `scans` is a list of scans or a stacked `Scan`; the result has a
+    leading axis of that length and lies on the host. `exclude` `(queries, any)` are ids of
+    references that must not answer a query, as the scans taken just before it in a search for
+    closed loops; -1 stands for none. Whatever the thresholds and however many queries, a few calls
+    and many compile once each for a bucket of beams, of references and of ids to exclude (see
+    `numerics.bucket`); an accelerator knows a few numbers in between. Raises `ValueError` for an
+    empty list, for no references, and naming what is no scan, no id, no `ReferenceSet` or no
+    `MatchConfig`; a scan in which nothing can be found is no error but a status.
     """
     config = checked_config(config)
     check_references(references, ReferenceSet)
     batch, excluded = checked_queries(scans, exclude)
     queries = len(excluded)
     on_cpu = jax.default_backend() == "cpu"
-    cores = (os.cpu_count() or 1) if on_cpu else 1
-    workers = min(cores, max(queries // config.chunk, 1))
-    part = -(-queries // workers)
-    chunk = min(config.chunk, 1 << (part - 1).bit_length())
-    slots = -(-bucket(part, smallest=1) // chunk) * chunk
+    workers = (os.cpu_count() or 1) if on_cpu else _AHEAD
+    if on_cpu:
+        chunk = config.chunk if queries >= workers * config.chunk else 1
+    else:
+        chunk = min(config.chunk, 1 << (queries - 1).bit_length())
     thresholds, rules = flat_thresholds(config)
 
     def work(start: int) -> np.ndarray:
-        here = jax.tree.map(lambda array: np.asarray(array)[start : start + part], batch)
-        count = here.ranges.shape[0]
-        ids = np.zeros((slots, excluded.shape[1]), np.int32)
-        ids[:count] = excluded[start : start + part]
+        rows = slice(start, start + chunk)
+        here = jax.tree.map(lambda array: np.asarray(array)[rows], batch)
+        ids = excluded[rows]
+        count = len(ids)
         # A setting of the thread, of which each has its own.
         with single_precision():
             found = _match_program(
                 # On an instance, Equinox would first make a module of the method.
-                Scan.pad_batch(here, slots),
-                ids,
-                np.int32(count),
+                Scan.pad_batch(here, chunk),
+                np.pad(ids, [(0, chunk - count), (0, 0)]) if count < chunk else ids,
                 references.index,
                 thresholds,
                 rules=rules,
-                chunk=chunk,
                 together=not on_cpu,
             )
             return np.asarray(found.words)[:count]
 
-    starts = range(0, queries, part)
+    starts = range(0, queries, chunk)
     if len(starts) == 1:
         words = work(0)
     else:
@@ -95,6 +93,10 @@ def match_batch(
         with ThreadPoolExecutor(workers) as pool:
             words = np.concatenate(list(pool.map(work, starts)))
     return unpack(words, result_shapes(config.hypotheses))
+
+
+_AHEAD = 2
+"""Calls at a time on an accelerator: while it works on one, the host prepares the next."""
 
 
 def checked_queries(
@@ -147,44 +149,27 @@ def _flat(config: MatchConfig) -> tuple[np.ndarray, Any]:
     return np.array(thresholds, np.float32), rules
 
 
-_traced_once = jax.jit(match_together, static_argnames="together")
-"""`match_together`, whose trace serves every number of slots: chunks are of one size."""
-
-
 class _Words(eqx.Module):
     """`MatchResult`s as `pack` leaves them; a `Program` returns a module."""
 
-    words: Int[Array, "slots words"]
+    words: Int[Array, "chunk words"]
 
 
-def _match_chunks(
+def _match_chunk(
     scans: Scan,
-    excluded: Int[Array, "slots any"],
-    queries: Int[Array, ""],
+    excluded: Int[Array, "chunk any"],
     references: ReferenceIndex,
     thresholds: Float[Array, " thresholds"],
     rules: Any,
-    chunk: int,
     together: bool,
 ) -> _Words:
-    """`chunk` queries at a time, so that memory does not grow with the batch.
+    """As many queries as bound the memory, aligned and evaluated `together` or one by one.
 
-    Those of one chunk are aligned and evaluated `together`, or one after the other: on a CPU
-    what one query needs then stays in the cache. The number of rounds is traced: padding up to
-    the bucket costs no time.
+    On a CPU they follow each other: what one query needs then stays in the cache.
     """
     config = jax.tree.unflatten(rules, list(thresholds))
-
-    def work(index: Array, words: Array) -> Array:
-        here, ids = jax.tree.map(
-            lambda a: jax.lax.dynamic_slice_in_dim(a, index * chunk, chunk), (scans, excluded)
-        )
-        found = pack(_traced_once(here, ids, references, config, together), like)
-        return jax.lax.dynamic_update_slice_in_dim(words, found, index * chunk, 0)
-
-    like = result_shapes(config.hypotheses)
-    empty = jnp.zeros((scans.ranges.shape[0], width(like)), jnp.int32)
-    return _Words(jax.lax.fori_loop(0, (queries + chunk - 1) // chunk, work, empty))
+    found = match_together(scans, excluded, references, config, together)
+    return _Words(pack(found, result_shapes(config.hypotheses)))
 
 
-_match_program = Program(_match_chunks, _Words, static=("rules", "chunk", "together"))
+_match_program = Program(_match_chunk, _Words, static=("rules", "together"))

@@ -4,8 +4,8 @@
 
 JAX compiles a program for each combination of array shapes. aprjax pads to few of them:
 
-- *Beams* of a scan, *references* of a set and *queries* of a call are padded to buckets, four to
-  the octave. A set that grows by one compiles again only where it leaves its bucket.
+- *Beams* of a scan and *references* of a set are padded to buckets, four to the octave. A set that
+  grows by one compiles again only where it leaves its bucket.
 
   ```python
   >>> from aprjax.numerics import bucket
@@ -13,6 +13,11 @@ JAX compiles a program for each combination of array shapes. aprjax pads to few 
   [8, 8, 10, 32, 256]
 
   ```
+
+- *Queries* of a call are worked on in chunks of one size. On a CPU, where there are not enough for
+  a chunk (`MatchConfig.chunk`) on each core, they are as quick one by one, by the program of a
+  single query: there are two programs, whatever the number. On an accelerator a chunk that is not
+  filled is one of 1, 2, 4, …
 
 - *Capacities* of a configuration (anchors, alternatives, hypotheses, `top_k`) set array sizes:
   another value compiles anew. Where one does not suffice, the result says so
@@ -29,9 +34,9 @@ The first call therefore takes long, and later ones do not. Three things help:
 - scans in lists (`match_batch(scans, references)`) are padded to buckets, a stacked `Scan` is taken
   as it is: pad it alike (`Scan.pad`) to share what was compiled.
 
-Many queries at once are quicker than one at a time: on a CPU a batch is shared among its cores in
-chunks of `MatchConfig.chunk`, which also bound the memory; on an accelerator the queries of a chunk
-are worked on together. Most of a query's time does not depend on the number of references: votes
+Many queries at once are quicker than one at a time: on a CPU they are shared among its cores, in
+chunks that also bound the memory; on an accelerator the queries of a chunk are worked on
+together. Most of a query's time does not depend on the number of references: votes
 grow with it, the looks at alternatives and the synthetic scans do not. `python -m benchmarks`
 measures all this on the machine at hand, and `python -m benchmarks stages` says where the time
 goes.

@@ -58,7 +58,7 @@ class MatchConfig(eqx.Module):
     hypotheses: int = capacity(
         5, "K, the most hypotheses of a query; beyond `shortlist.kept`, more is evaluated for them"
     )
-    chunk: int = capacity(32, "queries worked on at a time, which bounds the memory")
+    chunk: int = capacity(32, "queries worked on at a time, at most, which bounds the memory")
 
     @property
     def listing(self) -> ShortlistConfig:

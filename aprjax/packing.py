@@ -9,11 +9,6 @@ import numpy as np
 from jaxtyping import Array, Int
 
 
-def width(like: Any) -> int:
-    """How many words a row takes of arrays with the shapes of `like`, a tree as `pack` has it."""
-    return sum(math.prod(leaf.shape) for leaf in jax.tree.leaves(like))
-
-
 def pack(tree: Any, like: Any) -> Int[Array, "rows words"]:
     """Arrays `(rows, ...)` of 32 bits, or of truth values, side by side and bit by bit.
 

@@ -24,7 +24,7 @@ def describe(scan: aprjax.Scan) -> SimpleNamespace:
     measured = anchors.Beams(np.asarray(scan.ranges)[: int(scan.beams)], *map(float, limits))
     rules, jump = extraction["segment"], extraction["jump_edge"]
     window = [extraction["surface"][name] for name in ("window", "spacings", "samples")]
-    beams = measured.bridged(rules["bridge"], rules["gap"], rules["incidence"])
+    beams = measured.bridged(*(rules[name] for name in ("bridge", "dropout", "gap", "incidence")))
     parts = anchors.parts(beams, rules["gap"], rules["incidence"])
     large = [
         part

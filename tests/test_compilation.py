@@ -1,5 +1,5 @@
+import os
 import stat
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from jax.experimental.compilation_cache import compilation_cache
 
-from aprjax import batch, matcher
-from aprjax.batch import match
+from aprjax import batch
+from aprjax.batch import match, match_batch
 from aprjax.compilation import cache_compilations, warm_up
 from aprjax.matcher import MatchConfig
 from aprjax.programs import keep_traces
@@ -43,29 +43,21 @@ def test_after_warming_up_nothing_is_compiled():
     assert batch._match_program.compiled == compiled
 
 
-def test_the_trace_of_a_chunk_serves_every_number_of_them(monkeypatch):
+def test_a_few_queries_and_many_are_a_program_each_whatever_their_number():
     rng, world = np.random.default_rng(0), office(seed=2)
     scans = Scan.stack([scan_at(world, free_pose(world, rng), rng=rng) for _ in range(6)])
-    index = ReferenceSet.build(scans).index
-    # Sizes that no other test has.
-    thresholds, rules = batch.flat_thresholds(MatchConfig(hypotheses=3, chunk=3))
-    traced = []
-
-    def match_one(*arguments):
-        traced.append(arguments)
-        return matcher_of_one(*arguments)
-
-    matcher_of_one = matcher.match_one
-    monkeypatch.setattr(matcher, "match_one", match_one)
-    counts = []
-    for slots in (3, 6):
-        some = jax.tree.map(lambda array: array[:slots], scans)  # noqa: B023
-        whole = partial(batch._match_chunks, rules=rules, chunk=3, together=False)
-        nobody = np.full((slots, 1), -1, np.int32)
-        jax.eval_shape(whole, some, nobody, np.int32(slots), index, thresholds)
-        counts.append(len(traced))
-    assert counts == [counts[0]] * 2
-    assert counts[0] > 0
+    references, cores = ReferenceSet.build(scans), os.cpu_count() or 1
+    config = MatchConfig(hypotheses=3, chunk=2)  # as no other test has it
+    before, counts = batch._match_program.compiled, []
+    for few in range(1, min(2 * cores, 6)):
+        match_batch(jax.tree.map(lambda array: array[:few], scans), references, config)  # noqa: B023
+        counts.append(batch._match_program.compiled - before)
+    for extra in range(3):
+        rows = np.arange(2 * cores + extra) % 6
+        many = jax.tree.map(lambda array: array[rows], scans)  # noqa: B023
+        match_batch(many, references, config)
+        counts.append(batch._match_program.compiled - before)
+    assert counts == [1] * (len(counts) - 3) + [2] * 3
 
 
 @pytest.mark.parametrize(("beams", "batches"), [(0, [1]), (181, [1, 0])])

@@ -548,7 +548,7 @@ def test_thresholds_on_the_device_do_not_compile_anew(scene, result, compilation
     """Of either kind: JAX tells arrays that came of Python numbers (weak types) from others."""
     for value in (jnp.float32(0.2), jnp.asarray(0.2), jnp.asarray(1) * 0.2):
         match_batch(scene.queries, scene.references, MatchConfig(min_quality=value))
-        assert compilations("_match_chunks") == 0, value.aval
+        assert compilations("_match_chunk") == 0, value.aval
 
 
 # What is refused

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from aprjax.matcher import MatchConfig, result_shapes
-from aprjax.packing import pack, unpack, width
+from aprjax.packing import pack, unpack
 
 FLOATS = np.array([[0.0, -0.0, np.inf], [-np.inf, np.nan, 1e-45]], np.float32)
 TREE = {
@@ -21,7 +21,7 @@ LIKE = jax.tree.map(lambda array: jax.ShapeDtypeStruct(array.shape[1:], array.dt
 
 def test_what_is_packed_and_unpacked_is_the_same_to_the_bit():
     words = np.asarray(jax.jit(lambda tree: pack(tree, LIKE))(TREE))
-    assert words.shape == (2, width(LIKE))
+    assert words.shape == (2, 2 + 3 + 6 + 1)
     assert words.dtype == np.int32
     back = unpack(words, LIKE)
     for name, array in TREE.items():
@@ -50,7 +50,11 @@ def test_what_would_be_unpacked_as_something_else_is_not_packed(name, array):
 
 
 def test_a_result_is_as_wide_as_the_hypotheses_that_are_asked_for():
-    few, many = (width(result_shapes(hypotheses)) for hypotheses in (1, 3))
-    per_hypothesis = (many - few) // 2
-    assert per_hypothesis == 1 + 3 + 9 + 3 + 2 + 1
-    assert width(result_shapes(MatchConfig().hypotheses)) == 7 + 5 * per_hypothesis
+    def width(hypotheses):
+        like = result_shapes(hypotheses)
+        one = jax.tree.map(lambda leaf: jnp.zeros((1, *leaf.shape), leaf.dtype), like)
+        return pack(one, like).shape[1]
+
+    per_hypothesis = 1 + 3 + 9 + 3 + 2 + 1
+    assert width(3) - width(1) == 2 * per_hypothesis
+    assert width(MatchConfig().hypotheses) == 7 + 5 * per_hypothesis

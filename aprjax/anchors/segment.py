@@ -29,6 +29,11 @@ class SegmentConfig(eqx.Module):
     bridge: Float[Array, ""] = threshold(
         0.075, "radians between two hits that a surface may run on across", most=np.pi / 2
     )
+    dropout: Float[Array, ""] = threshold(
+        0.028,
+        "radians, likewise, if a beam between them had no return: failed readings are called so",
+        most=np.pi / 2,
+    )
     min_extent: Float[Array, ""] = threshold(0.2, "metres from its first to its farthest point")
     min_beams: Float[Array, ""] = threshold(3, "hits in a large part")
 
@@ -73,7 +78,7 @@ def segment(scan: Scan, config: SegmentConfig) -> Segments:
     hits on one wall lie far apart.
     """
     spacing = _spacing(scan, config)
-    scan = bridge(scan, config.bridge, config.gap, spacing)
+    scan = bridge(scan, config.bridge, config.dropout, config.gap, spacing)
     slots = scan.ranges.shape[-1]
     index = jnp.arange(slots)
     apart = config.gap + spacing * jnp.where(scan.hit, scan.ranges, 0.0)

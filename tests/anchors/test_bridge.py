@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from aprjax.anchors.extract import ExtractionConfig
 from aprjax.anchors.segment import SegmentConfig
 from aprjax.references import ReferenceSet
 from aprjax.scan import Scan
@@ -28,22 +29,43 @@ def points(extraction, scan, config=None):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_filled_readings_equal_the_oracle(extraction, seed):
+@pytest.mark.parametrize("dropout", [0.0, 0.028, 0.06])
+def test_filled_readings_equal_the_oracle(extraction, seed, dropout):
     rng = np.random.default_rng(seed)
     scan = turn_at(OFFICE, free_pose(OFFICE, rng), beams=360, noise=0.01, seed=seed)
-    scan = without(scan, rng.random(360) < 0.3)
-    config = SegmentConfig()
+    scan = without(scan, rng.random(360) < 0.25)
+    scan = without(scan, rng.random(360) < 0.1, np.inf)
+    config = SegmentConfig(dropout=dropout)
     beams = oracle.Beams(
         scan.ranges, scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max
-    ).bridged(float(config.bridge), float(config.gap), float(config.incidence))
-    assert sum(beams.hit) > scan.hit.sum() + 30
-    np.testing.assert_allclose(points(extraction, scan)[:360], beams.xy, atol=2e-4)
+    ).bridged(
+        *(float(value) for value in (config.bridge, config.dropout, config.gap, config.incidence))
+    )
+    assert sum(beams.hit) > scan.hit.sum() + 20
+    described = ExtractionConfig(segment=config)
+    np.testing.assert_allclose(points(extraction, scan, described)[:360], beams.xy, atol=2e-4)
 
 
 def test_a_wall_with_missing_readings_is_the_same_wall(extraction):
     wall = scan_at(polyline((2, -3), (2.5, 3)), np.zeros(3), beams=181)
     holes = without(wall, [60, 80, 81, 100, 101, 102])
     np.testing.assert_allclose(points(extraction, holes), points(extraction, wall), atol=1e-4)
+
+
+@pytest.mark.parametrize("reading", [np.inf, np.nan])
+def test_readings_that_failed_are_filled_by_whatever_name_where_beams_are_dense(
+    extraction, reading
+):
+    wall = scan_at(polyline((2, -3), (2.5, 3)), np.zeros(3), beams=361)
+    lost = [120, 150, 151, 200]
+    holes = without(wall, lost, reading)
+    np.testing.assert_allclose(points(extraction, holes), points(extraction, wall), atol=1e-4)
+
+
+def test_what_is_seen_through_an_opening_is_not_filled(extraction):
+    wall = scan_at(polyline((2, -3), (2.5, 3)), np.zeros(3), beams=361)
+    holes = without(wall, range(120, 126), np.inf)
+    assert not points(extraction, holes)[120:126].any()
 
 
 def test_readings_are_filled_across_the_seam_of_a_full_turn(extraction):

@@ -26,7 +26,9 @@ def found_parts(segments):
 def expected_parts(scan, config=CONFIG):
     beams = oracle.Beams(
         scan.ranges, scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max
-    ).bridged(float(config.bridge), float(config.gap), float(config.incidence))
+    ).bridged(
+        *(float(value) for value in (config.bridge, config.dropout, config.gap, config.incidence))
+    )
     found = oracle.parts(beams, float(config.gap), float(config.incidence))
     return {
         tuple(part): oracle.is_large(beams, part, float(config.min_extent), float(config.min_beams))

@@ -22,18 +22,19 @@ class Beams:
                 bearing = self.angle_min + i * self.step
                 self.xy[i] = self.ranges[i] * np.array([np.cos(bearing), np.sin(bearing)])
 
-    def bridged(self, angle, gap, incidence):
-        """These beams with the invalid ones filled in that a surface runs on across."""
+    def bridged(self, angle, dropout, gap, incidence):
+        """These beams with those filled in that a surface runs on across."""
         filled = list(self.ranges)
         spacing = _spacing(self.step, incidence)
         for i in range(self.count):
             j, run = self.after(i), []
-            while j is not None and j != i and not (self.hit[j] or self.free[j]):
+            while j is not None and j != i and not self.hit[j]:
                 run.append(j)
                 j = self.after(j)
             if not run or j is None or not (self.hit[i] and self.hit[j]):
                 continue
-            if (len(run) + 1) * abs(self.step) > angle:
+            widest = dropout if any(self.free[k] for k in run) else angle
+            if (len(run) + 1) * abs(self.step) > widest:
                 continue
             distance = np.hypot(*(self.xy[j] - self.xy[i]))
             nearer = min(self.ranges[i], self.ranges[j])
