@@ -93,7 +93,7 @@ def test_where_all_are_likely_the_answers_are_those_of_a_reference_set(small_blo
 def test_bad_requests_are_refused_by_name(scans):
     catalogue = Catalogue.build(scans[:2])
     wide = Scan.make(np.ones(400), angle_min=0.0, angle_increment=0.01, range_max=8.0)
-    with pytest.raises(ValueError, match="448 beams are more than the catalogue's 192"):
+    with pytest.raises(ValueError, match="400 beams are more than the catalogue's 192"):
         catalogue.add([wide])
     with pytest.raises(ValueError, match="likely: 0"):
         match_catalogue(scans[:1], catalogue, likely=0)
