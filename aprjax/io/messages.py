@@ -105,7 +105,9 @@ def _sweep(words: list[str], *, robot: bool) -> Sweep:
     tail = 10 + n + m
     _expect(words, tail + (14 if robot else 3))
     start, _, resolution, maximum = _numbers(words[2:6]).tolist()
-    turn = abs(float(np.float32(resolution))) * max(n - 1, 1)  # as the scan will have it
+    with np.errstate(over="ignore"):
+        step = abs(float(np.float32(resolution)))  # as the scan will have it
+    turn = step * max(n - 1, 1)
     if not (abs(start) <= 2 * math.pi and _NARROWEST < turn <= WIDEST):
         raise ValueError(f"{n} readings from {start} rad at {resolution} rad are no field of view")
     return Sweep(
