@@ -141,8 +141,8 @@ from aprjax.io.trajectory import TrajectoryError as TrajectoryError
 from aprjax.io.trajectory import read_tum as read_tum
 from aprjax.io.trajectory import write_tum as write_tum
 from aprjax.matcher import MatchConfig as MatchConfig
-from aprjax.matcher import MatchResult as MatchResult
 from aprjax.references import ReferenceSet as ReferenceSet
+from aprjax.result import MatchResult as MatchResult
 from aprjax.scan import Scan as Scan
 from aprjax.sharding.match import match_sharded as match_sharded
 from aprjax.sharding.references import ShardedReferences as ShardedReferences
@@ -232,6 +232,7 @@ __all__ = [  # noqa: RUF022
     "references",
     "refine",
     "relations",
+    "result",
     "scan",
     "se2",
     "sharding",

@@ -12,11 +12,12 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from aprjax.configuration import check_kind, check_single
-from aprjax.matcher import MatchConfig, MatchResult, match_together, result_shapes
+from aprjax.matcher import MatchConfig, match_together
 from aprjax.numerics import bucket, single_precision
 from aprjax.packing import pack, unpack
 from aprjax.programs import Program
-from aprjax.references import ReferenceIndex, ReferenceSet, check_references, checked_ids
+from aprjax.references import ReferenceIndex, ReferenceSet, check_references, checked_ids, rows_of
+from aprjax.result import MatchResult, result_shapes
 from aprjax.scan import Scan, as_stack
 
 
@@ -49,9 +50,9 @@ def match_batch(
     many for each core, else one. `scans` is a list of scans or a stacked `Scan`; the result has a
     leading axis of that length and lies on the host. `exclude` `(queries, any)` are ids of
     references that must not answer a query, as the scans taken just before it in a search for
-    closed loops; -1 stands for none. Whatever the thresholds and however many queries, a few calls
-    and many compile once each for a bucket of beams, of references and of ids to exclude (see
-    `numerics.bucket`); an accelerator knows a few numbers in between. Raises `ValueError` for an
+    closed loops; -1 stands for none. For each bucket of beams, of references and of ids to exclude
+    (see `numerics.bucket`) there are two programs, of one query and of a chunk, whatever the
+    thresholds; on an accelerator also those of smaller chunks. Raises `ValueError` for an
     empty list, for no references, and naming what is no scan, no id, no `ReferenceSet` or no
     `MatchConfig`; a scan in which nothing can be found is no error but a status.
     """
@@ -69,21 +70,20 @@ def match_batch(
 
     def work(start: int) -> np.ndarray:
         rows = slice(start, start + chunk)
-        here = jax.tree.map(lambda array: np.asarray(array)[rows], batch)
         ids = excluded[rows]
-        count = len(ids)
+        missing = chunk - len(ids)
         # A setting of the thread, of which each has its own.
         with single_precision():
             found = _match_program(
                 # On an instance, Equinox would first make a module of the method.
-                Scan.pad_batch(here, chunk),
-                np.pad(ids, [(0, chunk - count), (0, 0)]) if count < chunk else ids,
+                Scan.pad_batch(rows_of(batch, rows), chunk),
+                np.pad(ids, [(0, missing), (0, 0)], constant_values=-1) if missing else ids,
                 references.index,
                 thresholds,
                 rules=rules,
                 together=not on_cpu,
             )
-            return np.asarray(found.words)[:count]
+            return np.asarray(found.words)[: len(ids)]
 
     starts = range(0, queries, chunk)
     if len(starts) == 1:

@@ -1,8 +1,7 @@
 """APR scan matching: section 2 of the paper, from a scan to weighted global alignments."""
 
-from dataclasses import fields, replace
-from functools import cache, partial
-from typing import Any, Self
+from dataclasses import replace
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -28,6 +27,7 @@ from aprjax.relations.histograms import (
     matching_angles,
     preselection_quality,
 )
+from aprjax.result import Counts, MatchResult
 from aprjax.scan import Scan
 from aprjax.se2 import Pose, inverse
 from aprjax.shortlist import Shortlist, ShortlistConfig, all_alternatives, shortlist
@@ -65,93 +65,6 @@ class MatchConfig(eqx.Module):
         """The shortlist's rules, with room for as many alternatives as hypotheses are asked for."""
         rules, most = self.shortlist, self.hypotheses
         return replace(rules, passed=max(rules.passed, most), kept=max(rules.kept, most))
-
-
-class Counts(eqx.Module):
-    """How much was left after each stage."""
-
-    anchors: Int[Array, "*batch"]
-    """Anchors of the query."""
-    overflow: Int[Array, "*batch"]
-    """Anchors that the capacity left out, counted up to the capacity."""
-    aligned: Int[Array, "*batch"]
-    """References with at least one alternative."""
-    alternatives: Int[Array, "*batch"]
-    """Alternatives of all references."""
-    evaluated: Int[Array, "*batch"]
-    """Alternatives that were refined and compared by synthetic scans."""
-
-    @classmethod
-    def of(cls, query: Features, found: Int[Array, " rows"], listed: Shortlist) -> Self:
-        """Of one query, with so many alternatives `found` in each reference."""
-        return cls(
-            anchors=jnp.sum(query.anchors.valid, dtype=jnp.int32),
-            overflow=query.anchors.overflow,
-            aligned=jnp.sum(found > 0, dtype=jnp.int32),
-            alternatives=jnp.sum(found, dtype=jnp.int32),
-            evaluated=jnp.sum(listed.alternatives.valid, dtype=jnp.int32),
-        )
-
-
-class MatchResult(eqx.Module):
-    """Hypotheses of where each query was taken, best first over all references.
-
-    Entries that are not `valid` hold zeros, and -1 for the reference.
-    """
-
-    reference: Int[Array, "*batch K"]
-    """Id of the reference scan."""
-    T_ref_query: Float[Array, "*batch K 3"]
-    """Pose of the query's laser in the reference scan's frame; metres, radians."""
-    covariance: Float[Array, "*batch K 3 3"]
-    """Of `T_ref_query`: m², m rad, rad²."""
-    quality: Float[Array, "*batch K"]
-    """In [0, 1]: e_m less what rivals cost. As the counts of what agrees, it is of the alignment
-    that was evaluated, of which the last solve then makes `T_ref_query`."""
-    probability: Float[Array, "*batch K"]
-    """Of being right, from the quality; see `aprjax.evaluation.probability` for what it assumes."""
-    preselection: Float[Array, "*batch K"]
-    """q_m of the reference."""
-    agreeing_anchors: Int[Array, "*batch K"]
-    """Anchors of the query with a counterpart in the reference."""
-    agreeing_beams: Int[Array, "*batch K"]
-    """Compared beams, of both scans, that agree with the synthetic scans."""
-    valid: Bool[Array, "*batch K"]
-    confident: Bool[Array, "*batch"]
-    """Whether the best hypothesis may be acted on: its quality reaches `MatchConfig.confident`,
-    and no rival explains the scan about as well. Where it is false, the robot is lost."""
-    counts: Counts
-    status: Int[Array, "*batch"]
-    """A `Status`."""
-
-
-@cache
-def result_shapes(hypotheses: int) -> MatchResult:
-    """Shapes and types of the result of one query."""
-
-    def numbers(*shape: int) -> Any:
-        return jax.ShapeDtypeStruct(shape, jnp.float32)
-
-    def counts(*shape: int) -> Any:
-        return jax.ShapeDtypeStruct(shape, jnp.int32)
-
-    def truths(*shape: int) -> Any:
-        return jax.ShapeDtypeStruct(shape, jnp.bool_)
-
-    return MatchResult(
-        reference=counts(hypotheses),
-        T_ref_query=numbers(hypotheses, 3),
-        covariance=numbers(hypotheses, 3, 3),
-        quality=numbers(hypotheses),
-        probability=numbers(hypotheses),
-        preselection=numbers(hypotheses),
-        agreeing_anchors=counts(hypotheses),
-        agreeing_beams=counts(hypotheses),
-        valid=truths(hypotheses),
-        confident=truths(),
-        counts=Counts(*(counts() for _ in fields(Counts))),
-        status=counts(),
-    )
 
 
 class Evaluated(eqx.Module):

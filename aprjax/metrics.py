@@ -8,8 +8,8 @@ import numpy as np
 
 from aprjax.anchors.candidates import Kind
 from aprjax.anchors.extract import Anchors
-from aprjax.matcher import MatchResult
 from aprjax.plane import compose, distance, inverse, transform, wrap
+from aprjax.result import MatchResult
 from aprjax.scan import Scan
 
 RIGHT_DISTANCE, RIGHT_ANGLE = 0.5, np.radians(10)

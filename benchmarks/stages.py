@@ -10,7 +10,7 @@ Each stage is jitted by itself and given what the stage before it made of one ch
   need for the operations and for the least bytes.
 
 The last row is the chunk as one program, as the matcher compiles it: one call, where a batch
-makes one for each core.
+makes several, on each core one at a time.
 """
 
 import sys

@@ -40,9 +40,10 @@ from matplotlib.figure import Figure
 import aprjax
 from aprjax.evaluation.congruence import both_ways, quality, sees
 from aprjax.features import Features
-from aprjax.matcher import Counts, Evaluated, answer, cascade, evaluate, exhaustive, rank
+from aprjax.matcher import Evaluated, answer, cascade, evaluate, exhaustive, rank
 from aprjax.metrics import best_answers
 from aprjax.references import ReferenceIndex
+from aprjax.result import Counts
 from aprjax.se2 import Pose, inverse
 from aprjax.sweeping.axes import configured
 from experiments.data import FOUR, Split, read_split

@@ -43,6 +43,13 @@ def test_a_configuration_survives_json(config):
     assert eqx.tree_equal(back, config)
 
 
+def test_an_array_given_for_a_threshold_is_copied():
+    given = np.array(0.2, np.float32)
+    config = MatchConfig(confident=given)
+    given[...] = 7
+    assert config.confident == np.float32(0.2)
+
+
 def test_a_changed_capacity_survives_too():
     config = ExtractionConfig(anchors=5, apart=0.5)
     back = from_dict(ExtractionConfig, to_dict(config))

@@ -35,6 +35,7 @@ ORDER = [
     "shortlist",
     "grid",
     "references",
+    "result",
     "matcher",
     "batch",
     "compilation",

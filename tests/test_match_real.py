@@ -8,8 +8,8 @@ import pytest
 
 from aprjax.batch import match_batch
 from aprjax.io.logs import read_log
-from aprjax.matcher import MatchResult
 from aprjax.references import ReferenceSet
+from aprjax.result import MatchResult
 from aprjax.scan import Scan
 from tests.oracles import evaluation as oracle
 

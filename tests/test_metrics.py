@@ -5,7 +5,6 @@ import pytest
 
 from aprjax.anchors.candidates import Kind
 from aprjax.anchors.extract import Anchors
-from aprjax.matcher import MatchResult
 from aprjax.metrics import (
     Answers,
     is_right,
@@ -16,6 +15,7 @@ from aprjax.metrics import (
     score_matches,
     world_poses,
 )
+from aprjax.result import MatchResult
 from aprjax.scan import Scan
 
 STILL = np.zeros(3)

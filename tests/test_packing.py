@@ -5,8 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from aprjax.matcher import MatchConfig, result_shapes
+from aprjax.matcher import MatchConfig
 from aprjax.packing import pack, unpack
+from aprjax.result import result_shapes
 
 FLOATS = np.array([[0.0, -0.0, np.inf], [-np.inf, np.nan, 1e-45]], np.float32)
 TREE = {

@@ -4,7 +4,7 @@ import pytest
 
 from aprjax.features import FeatureConfig
 from aprjax.numerics import bucket
-from aprjax.references import ReferenceSet
+from aprjax.references import ReferenceSet, index_of
 from aprjax.scan import Scan
 from tests.worlds import free_pose, office, scan_at
 
@@ -76,6 +76,20 @@ def test_added_scans_are_as_if_built_with_the_others(scans, references):
     start = ReferenceSet.build(scans[:5])
     assert_same(start.add(scans[5:9]).add(scans[9:]), references)
     assert len(start) == 5
+
+
+def test_ids_that_int32_cannot_hold_are_not_given(references, scans):
+    last = np.iinfo(np.int32).max - 1
+    nearly = ReferenceSet.restore(references.scans, references.ids, last, FeatureConfig())
+    assert nearly.add(scans[:1]).ids[-1] == last
+    with pytest.raises(ValueError, match=rf"^scans: there are no ids for 2 after {last - 1}$"):
+        nearly.add(scans[:2])
+
+
+def test_more_references_than_their_raster_cells_can_be_numbered_are_refused(references):
+    features = references._features()
+    with pytest.raises(ValueError, match=r"^references: .* more than a set can hold, 233016$"):
+        index_of(features, references.ids, references.T_world_ref, FeatureConfig(), 233017)
 
 
 def test_added_scans_may_have_more_beams_than_those_there(scans):

@@ -15,12 +15,13 @@ from aprjax.catalogue.catalogue import BLOCK, Catalogue
 from aprjax.configuration import check_kind
 from aprjax.evaluation.distinctiveness import Placement
 from aprjax.features import FeatureConfig, describe
-from aprjax.matcher import MatchConfig, MatchResult, match_one
+from aprjax.matcher import MatchConfig, match_one
 from aprjax.numerics import HIGHEST, bucket, single_precision
 from aprjax.programs import Program
 from aprjax.references import ReferenceIndex, rows_of
 from aprjax.relations.edge_table import EdgeTable
 from aprjax.relations.histograms import preselection_quality
+from aprjax.result import MatchResult
 from aprjax.scan import Scan
 
 LIKELY = 64

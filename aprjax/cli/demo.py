@@ -16,12 +16,13 @@ from aprjax.batch import match
 from aprjax.cli.lab import add_lab_options, build_lab
 from aprjax.cli.outputs import make_folder
 from aprjax.cli.progress import Progress
-from aprjax.matcher import MatchConfig, MatchResult
+from aprjax.matcher import MatchConfig
 from aprjax.metrics import RIGHT_ANGLE, RIGHT_DISTANCE, is_right, world_poses
 from aprjax.plot.map import draw_map
 from aprjax.plot.match import draw_match
 from aprjax.plot.style import figure_of
 from aprjax.references import ReferenceSet
+from aprjax.result import MatchResult
 from aprjax.scan import Scan
 from aprjax.sim.lab import Lab
 

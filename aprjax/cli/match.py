@@ -22,9 +22,10 @@ from aprjax.io.pieces import Pieces, fingerprint
 from aprjax.io.reference_file import save_references
 from aprjax.io.tables import write_matches
 from aprjax.io.trajectory import write_tum
-from aprjax.matcher import MatchConfig, MatchResult
+from aprjax.matcher import MatchConfig
 from aprjax.plane import compose
 from aprjax.references import ReferenceSet
+from aprjax.result import MatchResult
 from aprjax.scan import Scan
 from aprjax.status import Status
 

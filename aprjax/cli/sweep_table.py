@@ -12,9 +12,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from aprjax.atomic import atomic_write
-from aprjax.matcher import MatchResult
 from aprjax.metrics import Answers, best_answers
 from aprjax.plot.sweep import QualityCurve, draw_quality_curves, draw_sweep
+from aprjax.result import MatchResult
 from aprjax.sweeping.axes import product
 
 Truth = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]

@@ -4,7 +4,6 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 
-from aprjax.matcher import MatchResult
 from aprjax.metrics import world_poses
 from aprjax.plot.style import (
     FLOOR,
@@ -17,6 +16,7 @@ from aprjax.plot.style import (
     prepare,
 )
 from aprjax.references import ReferenceSet
+from aprjax.result import MatchResult
 
 _HYPOTHESIS = "#d9480f"
 _TICK = 0.55  # metres, for a reference's heading

@@ -29,11 +29,12 @@ from jaxtyping import Array, Float
 
 from aprjax.configuration import check_kind
 from aprjax.features import Features, describe
-from aprjax.matcher import Counts, MatchConfig, MatchResult, direction_spectra, match_one
+from aprjax.matcher import MatchConfig, direction_spectra, match_one
 from aprjax.numerics import bucket, single_precision
 from aprjax.programs import Program
 from aprjax.references import ReferenceIndex, ReferenceSet, check_references
 from aprjax.relations.histograms import preselection_quality
+from aprjax.result import Counts, MatchResult
 from aprjax.scan import Scan, as_stack
 from aprjax.sweeping.axes import FEATURES, check_names, configured, product
 

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from aprjax.batch import match
-from aprjax.matcher import MatchConfig, MatchResult
+from aprjax.matcher import MatchConfig
 from aprjax.plane import compose, compose_covariance
+from aprjax.result import MatchResult
 from aprjax.tracking.sources import Estimate
 from aprjax.world.model import WorldModel
 from aprjax.world.parts import Place

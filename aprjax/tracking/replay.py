@@ -7,7 +7,8 @@ import jax
 
 from aprjax.batch import match_batch
 from aprjax.io.carmen import LogEntry
-from aprjax.matcher import MatchConfig, MatchResult
+from aprjax.matcher import MatchConfig
+from aprjax.result import MatchResult
 from aprjax.scan import Scan
 from aprjax.tracking.apr import AprSource
 from aprjax.tracking.belief import Belief

@@ -28,20 +28,37 @@ def points(extraction, scan, config=None):
     return xy
 
 
-@pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("dropout", [0.0, 0.028, 0.06])
-def test_filled_readings_equal_the_oracle(extraction, seed, dropout):
-    rng = np.random.default_rng(seed)
-    scan = turn_at(OFFICE, free_pose(OFFICE, rng), beams=360, noise=0.01, seed=seed)
-    scan = without(scan, rng.random(360) < 0.25)
-    scan = without(scan, rng.random(360) < 0.1, np.inf)
-    config = SegmentConfig(dropout=dropout)
+def bridged(scan, config):
+    """The beams as the oracle fills them in."""
     beams = oracle.Beams(
         scan.ranges, scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max
-    ).bridged(
+    )
+    return beams.bridged(
         *(float(value) for value in (config.bridge, config.dropout, config.gap, config.incidence))
     )
-    assert sum(beams.hit) > scan.hit.sum() + 20
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_filled_readings_equal_the_oracle(extraction, seed):
+    rng = np.random.default_rng(seed)
+    scan = turn_at(OFFICE, free_pose(OFFICE, rng), beams=360, noise=0.01, seed=seed)
+    scan = without(scan, rng.random(360) < 0.3)
+    beams = bridged(scan, SegmentConfig())
+    assert sum(beams.hit) > scan.hit.sum() + 30
+    np.testing.assert_allclose(points(extraction, scan)[:360], beams.xy, atol=2e-4)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("dropout", [0.0, 0.036, 0.06])
+def test_readings_filled_among_beams_without_return_equal_the_oracle(extraction, seed, dropout):
+    rng = np.random.default_rng(seed)
+    scan = turn_at(OFFICE, free_pose(OFFICE, rng), beams=360, noise=0.01, seed=seed)
+    scan = without(scan, rng.random(360) < 0.2)
+    scan = without(scan, rng.random(360) < 0.15, np.inf)
+    config = SegmentConfig(dropout=dropout)
+    beams = bridged(scan, config)
+    filled = np.isposinf(scan.ranges) & beams.hit
+    assert filled.sum() > 10 if dropout else not filled.any()
     described = ExtractionConfig(segment=config)
     np.testing.assert_allclose(points(extraction, scan, described)[:360], beams.xy, atol=2e-4)
 

@@ -1,8 +1,10 @@
+import jax
 import numpy as np
 import pytest
 
 from aprjax.anchors.extract import ExtractionConfig
 from aprjax.anchors.surface import SurfaceConfig
+from aprjax.scan import Scan
 from tests.anchors.shapes import polyline, room, turn_at
 from tests.oracles import anchors as oracle
 from tests.oracles.alignment import apart
@@ -86,3 +88,20 @@ def test_entries_that_are_no_hit_use_no_hits(extraction):
 def test_a_line_across_the_cut_of_a_closed_room_is_still_fitted_to_one_side(extraction):
     stages = extraction(SCANS["closed room"])
     assert (stages.surface.before.count + stages.surface.after.count >= 3)[:384].all()
+
+
+def test_faces_do_not_depend_on_padding_where_a_narrow_view_has_beams_close_together(extraction):
+    wall = scan_at(polyline((0.6, -3), (0.6, 3)), np.zeros(3), beams=181)
+    step = np.radians(45) / 180
+    near = Scan.make(
+        0.6 / np.cos(-np.radians(22.5) + step * np.arange(181)),
+        angle_min=-np.radians(22.5),
+        angle_increment=step,
+        range_max=float(wall.range_max),
+    )
+    few, many = (extraction(near, slots=slots).surface for slots in (192, 384))
+    for side in ("before", "after", "through"):
+        for one, other in zip(
+            *(jax.tree.leaves(getattr(s, side)) for s in (few, many)), strict=True
+        ):
+            np.testing.assert_allclose(one[:181], other[:181], atol=1e-6)

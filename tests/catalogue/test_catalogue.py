@@ -90,6 +90,14 @@ def test_where_all_are_likely_the_answers_are_those_of_a_reference_set(small_blo
     assert 3 not in near.reference[-1]
 
 
+def test_a_stack_that_is_padded_wider_than_the_catalogue_fits_by_its_beams(scans):
+    catalogue = Catalogue.build(scans[:2])
+    wide = catalogue.add(Scan.stack(scans[2:4], slots=catalogue.slots + 64))
+    for one, other in zip(wide.blocks, catalogue.add(scans[2:4]).blocks, strict=True):
+        np.testing.assert_array_equal(one.signatures, other.signatures)
+        jax.tree.map(np.testing.assert_array_equal, one.scans, other.scans)
+
+
 def test_bad_requests_are_refused_by_name(scans):
     catalogue = Catalogue.build(scans[:2])
     wide = Scan.make(np.ones(400), angle_min=0.0, angle_increment=0.01, range_max=8.0)

@@ -10,7 +10,7 @@ import pytest
 import aprjax.cli.demo as cli_demo
 import aprjax.cli.lab as cli_lab
 from aprjax.cli.main import main
-from aprjax.matcher import MatchResult
+from aprjax.result import MatchResult
 from aprjax.scan import Scan
 from tests.worlds import office, scan_at
 

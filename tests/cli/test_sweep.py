@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import aprjax
+from aprjax import programs
 from aprjax.configuration import from_dict, to_dict
 from aprjax.features import FeatureConfig
 from aprjax.io.pieces import Pieces
@@ -88,6 +89,15 @@ def test_other_values_compile_nothing(scans, references, folder):
     compiled = sweep_run._sweep_program.compiled
     run(0.07, 0.08, 0.09)
     assert sweep_run._sweep_program.compiled == compiled > 0
+
+
+def test_sweeps_are_forgotten_with_the_other_programs(scans, references, folder):
+    sweep_grid(scans, references, {"confident": [0.1, 0.2]}, MatchConfig(hypotheses=1))
+    compiled = sweep_run._sweep_program.compiled
+    assert compiled > 0
+    assert sweep_run._sweep_program in programs._programs
+    sweep_run._sweep_program.forget()
+    assert sweep_run._sweep_program.compiled == 0
 
 
 def test_the_table_has_the_figures_of_the_answers(entries, references, scans, folder):

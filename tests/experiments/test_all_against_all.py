@@ -3,7 +3,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aprjax.matcher import MatchResult
+from aprjax.result import MatchResult
 from experiments.all_against_all import at_most, chosen, curve
 
 # Three scans, metres apart. Alternatives name scan 0, at which the truth of each is then as given.

@@ -2,7 +2,7 @@ from typing import Any
 
 import numpy as np
 
-from aprjax.matcher import MatchResult
+from aprjax.result import MatchResult
 from experiments.cascade import differing, row
 from experiments.data import Split
 

@@ -4,7 +4,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aprjax.matcher import MatchResult
+from aprjax.result import MatchResult
 from aprjax.scan import Scan
 from experiments.data import Split
 from experiments.real_logs import SIX, Outcome, seen_points, table

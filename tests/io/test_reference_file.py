@@ -17,6 +17,7 @@ from aprjax.io.reference_file import (
     save_references,
 )
 from aprjax.references import ReferenceSet
+from aprjax.relations.histograms import RelationConfig
 from tests.worlds import free_pose, office, scan_at
 
 # As many as the logs of the command line's tests have, so that both share their compilations.
@@ -244,3 +245,10 @@ def test_fields_that_an_older_file_lacks_have_their_defaults(saved, tmp_path):
     config = load_references(path).index.config
     assert float(config.extraction.apart) == 0.5
     assert config.extraction.anchors == FeatureConfig().extraction.anchors
+
+
+def test_what_a_file_may_not_ask_for_is_not_written(scans, tmp_path):
+    config = FeatureConfig(relation=RelationConfig(part_tolerance=5))
+    with pytest.raises(ValueError, match=r"^features\.relation\.part_tolerance is over 4$"):
+        save_references(ReferenceSet.build(scans[:2], config), tmp_path / "large")
+    assert not list(tmp_path.iterdir())
