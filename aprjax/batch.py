@@ -1,8 +1,6 @@
 """Matching many scans: on the host, in batches that fill the device and bound its memory."""
 
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from typing import Any
 
@@ -11,12 +9,15 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from aprjax.calls import in_calls, rows_of, size_of_calls
 from aprjax.configuration import check_kind, check_single
-from aprjax.matcher import MatchConfig, match_together
-from aprjax.numerics import bucket, single_precision
+from aprjax.describing import describe_chunk
+from aprjax.features import Features
+from aprjax.matcher import MatchConfig, match_described
+from aprjax.numerics import bucket
 from aprjax.packing import pack, unpack
 from aprjax.programs import Program
-from aprjax.references import ReferenceIndex, ReferenceSet, check_references, checked_ids, rows_of
+from aprjax.references import ReferenceIndex, ReferenceSet, check_references, checked_ids
 from aprjax.result import MatchResult, result_shapes
 from aprjax.scan import Scan, as_stack
 
@@ -52,7 +53,8 @@ def match_batch(
     references that must not answer a query, as the scans taken just before it in a search for
     closed loops; -1 stands for none. For each bucket of beams, of references and of ids to exclude
     (see `numerics.bucket`) there are two programs, of one query and of a chunk, whatever the
-    thresholds; on an accelerator also those of smaller chunks. Raises `ValueError` for an
+    thresholds; on an accelerator also those of smaller chunks. What describes the queries is shared
+    with `ReferenceSet.build`. Raises `ValueError` for an
     empty list, for no references, and naming what is no scan, no id, no `ReferenceSet` or no
     `MatchConfig`; a scan in which nothing can be found is no error but a status.
     """
@@ -60,43 +62,28 @@ def match_batch(
     check_references(references, ReferenceSet)
     batch, excluded = checked_queries(scans, exclude)
     queries = len(excluded)
-    on_cpu = jax.default_backend() == "cpu"
-    workers = (os.cpu_count() or 1) if on_cpu else _AHEAD
-    if on_cpu:
-        chunk = config.chunk if queries >= workers * config.chunk else 1
-    else:
-        chunk = min(config.chunk, 1 << (queries - 1).bit_length())
+    chunk = size_of_calls(queries, config.chunk)
     thresholds, rules = flat_thresholds(config)
+    together = jax.default_backend() != "cpu"
 
     def work(start: int) -> np.ndarray:
         rows = slice(start, start + chunk)
         ids = excluded[rows]
         missing = chunk - len(ids)
-        # A setting of the thread, of which each has its own.
-        with single_precision():
-            found = _match_program(
-                # On an instance, Equinox would first make a module of the method.
-                Scan.pad_batch(rows_of(batch, rows), chunk),
-                np.pad(ids, [(0, missing), (0, 0)], constant_values=-1) if missing else ids,
-                references.index,
-                thresholds,
-                rules=rules,
-                together=not on_cpu,
-            )
-            return np.asarray(found.words)[: len(ids)]
+        # On an instance, Equinox would first make a module of the method.
+        scans = Scan.pad_batch(rows_of(batch, rows), chunk)
+        found = _match_program(
+            describe_chunk(scans, references.index.config),
+            np.pad(ids, [(0, missing), (0, 0)], constant_values=-1) if missing else ids,
+            references.index,
+            thresholds,
+            rules=rules,
+            together=together,
+        )
+        return np.asarray(found.words)[: len(ids)]
 
-    starts = range(0, queries, chunk)
-    if len(starts) == 1:
-        words = work(0)
-    else:
-        # XLA runs the calls of one thread one after another, those of several at the same time.
-        with ThreadPoolExecutor(workers) as pool:
-            words = np.concatenate(list(pool.map(work, starts)))
+    words = np.concatenate(in_calls(work, queries, chunk))
     return unpack(words, result_shapes(config.hypotheses))
-
-
-_AHEAD = 2
-"""Calls at a time on an accelerator: while it works on one, the host prepares the next."""
 
 
 def checked_queries(
@@ -156,7 +143,7 @@ class _Words(eqx.Module):
 
 
 def _match_chunk(
-    scans: Scan,
+    queries: Features,
     excluded: Int[Array, "chunk any"],
     references: ReferenceIndex,
     thresholds: Float[Array, " thresholds"],
@@ -168,7 +155,7 @@ def _match_chunk(
     On a CPU they follow each other: what one query needs then stays in the cache.
     """
     config = jax.tree.unflatten(rules, list(thresholds))
-    found = match_together(scans, excluded, references, config, together)
+    found = match_described(queries, excluded, references, config, together)
     return _Words(pack(found, result_shapes(config.hypotheses)))
 
 

@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Complex, Float, Int
 
 from aprjax.alignment.align import AlignmentConfig, align, counterparts
 from aprjax.alignment.voting import VotingConfig, vote
+from aprjax.calls import CHUNK
 from aprjax.configuration import capacity, threshold
 from aprjax.evaluation.congruence import CongruenceConfig, both_ways, quality, sees
 from aprjax.evaluation.distinctiveness import (
@@ -19,7 +20,7 @@ from aprjax.evaluation.distinctiveness import (
     same_pose,
 )
 from aprjax.evaluation.probability import ProbabilityConfig, probability
-from aprjax.features import Features, describe
+from aprjax.features import Features
 from aprjax.references import ReferenceIndex
 from aprjax.refine import RefineConfig, Refined, estimate, settle
 from aprjax.relations.histograms import (
@@ -28,7 +29,6 @@ from aprjax.relations.histograms import (
     preselection_quality,
 )
 from aprjax.result import Counts, MatchResult
-from aprjax.scan import Scan
 from aprjax.se2 import Pose, inverse
 from aprjax.shortlist import Shortlist, ShortlistConfig, all_alternatives, shortlist
 from aprjax.status import Status
@@ -58,7 +58,7 @@ class MatchConfig(eqx.Module):
     hypotheses: int = capacity(
         5, "K, the most hypotheses of a query; beyond `shortlist.kept`, more is evaluated for them"
     )
-    chunk: int = capacity(32, "queries worked on at a time, at most, which bounds the memory")
+    chunk: int = capacity(CHUNK, "queries worked on at a time, at most, which bounds the memory")
 
     @property
     def listing(self) -> ShortlistConfig:
@@ -90,19 +90,18 @@ class Ranked(eqx.Module):
     """Whether another place explains the scan about as well as the best."""
 
 
-def match_together(
-    scans: Scan,
+def match_described(
+    queries: Features,
     excluded: Int[Array, "chunk any"],
     references: ReferenceIndex,
     config: MatchConfig,
     together: bool,
 ) -> MatchResult:
-    """Section 2 of the paper for a few queries at once.
+    """Section 2 of the paper after extraction, for a few queries at once.
 
     `excluded` are ids of references that must not answer. Queries are aligned and evaluated
     `together`, or one after the other: on a CPU what one query needs then stays in the cache.
     """
-    queries = jax.vmap(describe, (0, None))(scans, references.config)
     relation = references.config.relation
     q_m = preselection_quality(queries.histogram, references.features.histogram, relation)
     spectra = None if config.cascade else direction_spectra(references)

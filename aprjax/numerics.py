@@ -61,6 +61,15 @@ def total(array: Float[Array, "... n"]) -> Float[Array, "..."]:
     return jnp.matmul(array, jnp.ones(array.shape[-1], array.dtype), precision=HIGHEST)
 
 
+def sums(*terms: Float[Array, "n ..."]) -> tuple[Float[Array, "..."], ...]:
+    """The sum of each over its first axis, all in one pass.
+
+    As sums of their own, XLA on a CPU would compile and compute what they share again for each.
+    """
+    zeros = (np.float32(0),) * len(terms)
+    return jax.lax.reduce(terms, zeros, lambda a, b: tuple(map(jnp.add, a, b)), (0,))
+
+
 @custom_vmap
 def take(array: Float[Array, "*rows n"], index: Int[Array, "*at"]) -> Float[Array, "..."]:
     """`array[..., index]` for indices that are known to be in bounds.

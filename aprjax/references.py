@@ -9,14 +9,15 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
+from aprjax.calls import rows_of
 from aprjax.configuration import check_kind, check_single, shown
+from aprjax.describing import described
 from aprjax.evaluation.distinctiveness import Placement
-from aprjax.features import FeatureConfig, Features, describe
+from aprjax.features import FeatureConfig, Features
 from aprjax.grid.occupancy_grid import OccupancyGrid
 from aprjax.grid.rendering import render
 from aprjax.grid.viewpoints import viewpoints
-from aprjax.numerics import bucket, single_precision
-from aprjax.programs import Program
+from aprjax.numerics import bucket
 from aprjax.relations.edge_table import EdgeTable
 from aprjax.scan import Scan, as_stack
 
@@ -41,14 +42,6 @@ class ReferenceIndex(eqx.Module):
 
 FARTHEST = 1e8
 """Metres and radians from the origin, at most, of a reference: any map's frame, a globe's too."""
-_CHUNK = 64  # references described at a time, which bounds the memory
-
-
-def _describe_chunk(scans: Scan, config: FeatureConfig) -> Features:
-    return jax.vmap(describe, (0, None))(scans, config)
-
-
-_describe_program = Program(_describe_chunk, Features)
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,23 +206,6 @@ def check_references(references: Any, kind: type) -> None:
         raise ValueError("references: the set is empty")
 
 
-def described(scans: Scan, config: FeatureConfig) -> Features:
-    """Features of stacked scans, on the host.
-
-    Chunks of one shape, so that one compilation serves all, put together by NumPy: eager jax
-    operations would compile for every number of scans.
-    """
-    count = scans.ranges.shape[0]
-    size = min(_CHUNK, bucket(count))
-    padded = scans.pad_batch(max(-(-count // size), 1) * size)
-    with single_precision():
-        chunks = [
-            _describe_program(rows_of(padded, slice(start, start + size)), config)
-            for start in range(0, max(count, 1), size)
-        ]
-    return jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *chunks)
-
-
 def next_ids(next_id: int, count: int) -> np.ndarray:
     """The ids of `count` further references; raises `ValueError` where int32 has no more."""
     if next_id + count > np.iinfo(np.int32).max:
@@ -267,11 +243,6 @@ def checked_ids(name: str, ids: Any) -> np.ndarray:
         at = f"[{', '.join(map(str, wrong[0]))}]" if given.ndim else ""
         raise ValueError(f"{name}{at}: {shown(given[tuple(wrong[0])])} is no id")
     return kept.astype(np.int32, copy=False)
-
-
-def rows_of(stacked, rows):
-    """Some rows of stacked scans or features, on the host."""
-    return jax.tree.map(lambda array: np.asarray(array)[rows], stacked)
 
 
 def equally_wide(there: Scan, new: Scan) -> tuple[Scan, Scan]:

@@ -15,8 +15,8 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.configuration import capacity, threshold
-from aprjax.evaluation.view import View
-from aprjax.numerics import HIGHEST, arctan2, dot, safe_norm, take, wrap
+from aprjax.evaluation.view import View, facing
+from aprjax.numerics import HIGHEST, arctan2, dot, safe_norm, sums, take, wrap
 from aprjax.se2 import Pose, inverse, transform
 
 _LEAST = 1e-6  # metres and radians: what divides is never zero, and its square is a float32
@@ -128,9 +128,8 @@ def settle(reference: View, query: View, T_ref_query: Pose, config: SettleConfig
         off = normal_x * gap_x + normal_y * gap_y
         weight = jnp.where(paired, jnp.maximum(1.0 - (off / gate) ** 2, 0.0) ** 2, 0.0)
         columns = (normal_x, normal_y, normal_y * arm_x - normal_x * arm_y)
-        information = [jnp.sum(weight * a * b) for k, a in enumerate(columns) for b in columns[k:]]
-        gradient = [jnp.sum(weight * off * column) for column in columns]
-        dx, dy, turn = _damped_step(information, gradient)
+        products = [a * b for k, a in enumerate(columns) for b in (*columns[k:], off)]
+        dx, dy, turn = _damped_step(*sums(*(weight * product for product in products)))
         pose = (x - dx, y - dy, wrap(angle - turn))
         return (pose, look(*pose)), None
 
@@ -196,14 +195,18 @@ def estimate(reference: View, query: View, T_ref_query: Pose, config: RefineConf
 
 def _both_ways(reference: View, query: View, T_ref_query: Pose, config: RefineConfig) -> _Pairs:
     """The query's end points on the reference's surfaces, and the other way about."""
-    ahead = _pairs(reference, query, T_ref_query, config)
-    back = _pairs(query, reference, inverse(T_ref_query), config)
+    overviews, fronts = facing(reference, query)
+    T_overview_front = jnp.stack([T_ref_query, inverse(T_ref_query)])
+    pairs = jax.vmap(_pairs, (0, 0, 0, None))(overviews, fronts, T_overview_front, config)
     # Back, the unknowns are the inverse pose, and the shared errors the other way round.
     change = jnp.zeros((5, 5)).at[:3, :3].set(jax.jacfwd(inverse)(T_ref_query))
     change = change.at[3, 4].set(1.0).at[4, 3].set(1.0)
-    jacobian = jnp.matmul(back.jacobian, change, precision=HIGHEST)
-    back = eqx.tree_at(lambda p: p.jacobian, back, jacobian)
-    return jax.tree.map(lambda *parts: jnp.concatenate(parts), ahead, back)
+    back = jnp.matmul(pairs.jacobian[1], change, precision=HIGHEST)
+    return _Pairs(
+        off=pairs.off.reshape(-1),
+        jacobian=jnp.concatenate([pairs.jacobian[0], back]),
+        real=pairs.real.reshape(-1),
+    )
 
 
 def _pairs(overview: View, front: View, T_overview_front: Pose, config: RefineConfig) -> _Pairs:
@@ -278,24 +281,24 @@ class _NormalEquations(lx.AbstractLinearSolver):
         return True
 
 
-def _damped_step(information: list[Array], gradient: list[Array]) -> tuple[Array, Array, Array]:
-    """The solution of three normal equations, of which the upper triangle is given row by row.
+def _damped_step(
+    xx: Array, xy: Array, xt: Array, x: Array, yy: Array, yt: Array, y: Array, tt: Array, t: Array
+) -> tuple[Array, Array, Array]:
+    """The solution of three normal equations, number by number.
 
-    By the factors L D Lᵀ, number by number. One unit of damping is one point: nothing against a
-    wall, enough along a corridor.
+    The upper triangle row by row, each with the right-hand side at its end. By the factors L D Lᵀ;
+    one unit of damping is one point: nothing against a wall, enough along a corridor.
     """
-    xx, xy, xt, yy, yt, tt = information
     xx, yy, tt = xx + 1.0, yy + 1.0, tt + 1.0
     l_y, l_t = xy / xx, xt / xx
     d_y = jnp.maximum(yy - l_y * xy, 1e-6 * yy)
     rest = yt - l_t * xy
     l_ty = rest / d_y
     d_t = jnp.maximum(tt - l_t * xt - l_ty * rest, 1e-6 * tt)
-    g_x, g_y, g_t = gradient
-    g_y = g_y - l_y * g_x
-    t = (g_t - l_t * g_x - l_ty * g_y) / d_t
-    y = g_y / d_y - l_ty * t
-    return g_x / xx - l_y * y - l_t * t, y, t
+    y = y - l_y * x
+    t = (t - l_t * x - l_ty * y) / d_t
+    y = y / d_y - l_ty * t
+    return x / xx - l_y * y - l_t * t, y, t
 
 
 def _gram(columns: Float[Array, "pairs n"]) -> Float[Array, "n n"]:

@@ -9,8 +9,8 @@ Each stage is jitted by itself and given what the stage before it made of one ch
 - how much of the time the machine's peak (`benchmarks.machine.peak`, all cores together) would
   need for the operations and for the least bytes.
 
-The last row is the chunk as one program, as the matcher compiles it: one call, where a batch
-makes several, on each core one at a time.
+The last row is the chunk as one program: one call, where a batch makes several, on each core one
+at a time.
 """
 
 import sys
@@ -26,7 +26,7 @@ import numpy as np
 import aprjax
 from aprjax.alignment.voting import Votes, vote
 from aprjax.features import Features, describe
-from aprjax.matcher import Evaluated, evaluate, match_together, rank
+from aprjax.matcher import Evaluated, evaluate, match_described, rank
 from aprjax.programs import compiler_options
 from aprjax.references import ReferenceIndex
 from aprjax.refine import estimate
@@ -149,7 +149,8 @@ def stages(
 def _match_all(
     references: ReferenceIndex, config: aprjax.MatchConfig, scans: aprjax.Scan, excluded: jax.Array
 ):
-    return match_together(scans, excluded, references, config, together=False)
+    queries = jax.vmap(describe, (0, None))(scans, references.config)
+    return match_described(queries, excluded, references, config, together=False)
 
 
 def row(stage: Stage, pairs: int, most: Peak, repeats: int) -> dict[str, Any]:

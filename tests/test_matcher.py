@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from aprjax import batch
+from aprjax.anchors.extract import ExtractionConfig
 from aprjax.batch import match, match_batch
 from aprjax.evaluation.congruence import CongruenceConfig
+from aprjax.features import FeatureConfig
 from aprjax.matcher import MatchConfig, cascade, preselected
 from aprjax.references import ReferenceSet
 from aprjax.refine import RefineConfig
@@ -549,6 +551,18 @@ def test_thresholds_on_the_device_do_not_compile_anew(scene, result, compilation
     for value in (jnp.float32(0.2), jnp.asarray(0.2), jnp.asarray(1) * 0.2):
         match_batch(scene.queries, scene.references, MatchConfig(min_quality=value))
         assert compilations("_match_chunk") == 0, value.aval
+
+
+def test_queries_and_added_scans_are_described_by_what_building_the_set_compiled(
+    scene, compilations
+):
+    extraction = ExtractionConfig(anchors=11)  # as no other test has it
+    config = FeatureConfig(extraction=extraction)
+    references = ReferenceSet.build(scene.reference_scans[:1], config)
+    assert compilations("_describe_chunk") == 1
+    match(scene.queries[0], references)
+    references.add(scene.reference_scans[:1])
+    assert compilations("_describe_chunk") == 0
 
 
 # What is refused

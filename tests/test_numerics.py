@@ -13,6 +13,7 @@ from aprjax.numerics import (
     safe_arctan2,
     safe_norm,
     square_gaps,
+    sums,
     total,
     wrap,
 )
@@ -115,6 +116,14 @@ def test_products_totals_and_gaps_are_those_of_numpy():
     np.testing.assert_allclose(total(a), a.sum(axis=-1), rtol=1e-5, atol=1e-6)
     wanted = np.sum((a[:, None] - b[None]) ** 2, axis=-1)
     np.testing.assert_allclose(square_gaps(a, b), wanted, rtol=1e-5, atol=1e-6)
+
+
+def test_sums_over_the_first_axis_are_those_of_numpy_mapped_or_not():
+    terms = np.random.default_rng(0).normal(size=(3, 4, 7, 5)).astype(np.float32)
+    mapped = jax.vmap(sums)(*terms)
+    for k in range(3):
+        np.testing.assert_allclose(sums(*terms[:, 0])[k], terms[k, 0].sum(axis=0), rtol=1e-5)
+        np.testing.assert_allclose(mapped[k], terms[k].sum(axis=1), rtol=1e-5)
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 8, 181])

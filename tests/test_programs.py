@@ -15,7 +15,7 @@ import pytest
 from jax import export
 from jaxtyping import Array, Float
 
-from aprjax import batch, programs, references
+from aprjax import batch, describing, programs
 from aprjax.batch import match_batch
 from aprjax.features import Features
 from aprjax.programs import Program, keep_traces, surroundings
@@ -183,13 +183,14 @@ def test_several_threads_share_one_trace(fresh, folder):
 def test_answers_by_a_trace_are_those_without_to_the_bit(folder):
     rng, world = np.random.default_rng(0), office(seed=2)
     scans = [scan_at(world, free_pose(world, rng), rng=rng) for _ in range(6)]
-    features = Program(references._describe_chunk, Features)
+    features = Program(describing._describe_chunk, Features)
     matching = Program(batch._match_chunk, batch._Words, static=("rules", "together"))
     answers = []
     for where in (None, folder):
         keep_traces(where)
         with pytest.MonkeyPatch.context() as patched:
-            patched.setattr(references, "_describe_program", again(features))
+            for module in (describing, batch):
+                patched.setattr(module, "describe_chunk", again(features))
             patched.setattr(batch, "_match_program", again(matching))
             answers.append(match_batch(scans[:2], ReferenceSet.build(scans)))
     assert len(list(folder.glob("*.trace"))) == 2

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Int
 
 from aprjax.anchors.segment import Segments
 from aprjax.configuration import capacity, threshold
-from aprjax.numerics import safe_arctan2, take
+from aprjax.numerics import safe_arctan2, sums, take
 
 
 class SurfaceConfig(eqx.Module):
@@ -113,12 +113,10 @@ def _side(
 def _fit(samples: _Samples, origin: Float[Array, "slots 2"]) -> Face:
     """Total least squares lines through the samples of each entry, whose hit is its `origin`."""
     x, y = samples.x, samples.y
-    count = jnp.sum(samples.used, axis=0)
+    count, *moments = sums(samples.used, x, y, x * x, y * y, x * y)
     share = 1.0 / jnp.maximum(count, 1.0)
-    mean_x, mean_y = jnp.sum(x, axis=0) * share, jnp.sum(y, axis=0) * share
-    xx = jnp.sum(x * x, axis=0) * share - mean_x**2
-    yy = jnp.sum(y * y, axis=0) * share - mean_y**2
-    xy = jnp.sum(x * y, axis=0) * share - mean_x * mean_y
+    mean_x, mean_y, xx, yy, xy = (share * moment for moment in moments)
+    xx, yy, xy = xx - mean_x**2, yy - mean_y**2, xy - mean_x * mean_y
     half = jnp.sqrt(jnp.maximum(0.25 * (xx - yy) ** 2 + xy**2, 1e-12))
     mean = 0.5 * (xx + yy)
     return Face(

@@ -16,7 +16,7 @@ from aprjax.anchors.candidates import Candidates, Kind
 from aprjax.anchors.segment import Segments
 from aprjax.anchors.surface import Surface
 from aprjax.configuration import capacity, threshold
-from aprjax.numerics import first_max, safe_arctan2, wrap
+from aprjax.numerics import first_max, safe_arctan2, sums, wrap
 
 
 class VirtualEdgeConfig(eqx.Module):
@@ -151,11 +151,11 @@ def _lines_along(
 
     def line(peak):
         weight = jnp.where(jnp.abs(offset - peak) <= config.width, length, 0.0)
-        total = jnp.sum(weight)
-        share = weight / jnp.maximum(total, 1e-6)
-        centre = jnp.sum(share[:, None] * xy, axis=0)
-        x, y = jnp.moveaxis(xy - centre[None, :], -1, 0)
-        xx, yy, cross = (jnp.sum(share * product) for product in (x * x, y * y, x * y))
+        total, x, y = sums(weight, weight * xy[:, 0], weight * xy[:, 1])
+        size = jnp.maximum(total, 1e-6)
+        centre = jnp.stack([x, y]) / size
+        x, y = xy[:, 0] - centre[0], xy[:, 1] - centre[1]
+        xx, yy, cross = sums(weight * x * x, weight * y * y, weight * x * y)
         fitted = 0.5 * safe_arctan2(2 * cross, xx - yy)
         along = x * jnp.cos(fitted) + y * jnp.sin(fitted)
         return Lines(

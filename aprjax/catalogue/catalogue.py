@@ -9,10 +9,11 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
+from aprjax.calls import rows_of
 from aprjax.evaluation.signature import Discriminant, discriminant, signature
 from aprjax.features import FeatureConfig, seen
 from aprjax.numerics import bucket, single_precision
-from aprjax.references import checked_features, checked_ids, joined, rows_of
+from aprjax.references import checked_features, checked_ids, joined
 from aprjax.scan import Scan, as_stack
 
 BLOCK = 8192

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from aprjax.batch import checked_config, checked_queries, flat_thresholds
+from aprjax.calls import rows_of
 from aprjax.catalogue.catalogue import BLOCK, Catalogue
 from aprjax.configuration import check_kind
 from aprjax.evaluation.distinctiveness import Placement
@@ -18,7 +19,7 @@ from aprjax.features import FeatureConfig, describe
 from aprjax.matcher import MatchConfig, match_one
 from aprjax.numerics import HIGHEST, bucket, single_precision
 from aprjax.programs import Program
-from aprjax.references import ReferenceIndex, rows_of
+from aprjax.references import ReferenceIndex
 from aprjax.relations.edge_table import EdgeTable
 from aprjax.relations.histograms import preselection_quality
 from aprjax.result import MatchResult

@@ -10,8 +10,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.configuration import capacity, threshold
 from aprjax.evaluation.synthetic_scan import synthetic_scan
-from aprjax.evaluation.view import View
-from aprjax.numerics import safe_norm
+from aprjax.evaluation.view import View, facing
+from aprjax.numerics import safe_norm, sums
 from aprjax.se2 import Pose, inverse, transform
 
 _TINY = np.finfo(np.float32).tiny
@@ -58,16 +58,21 @@ class Verdicts(eqx.Module):
     ) -> Self:
         """The verdicts of single beams with end points `(x, y)`, together."""
         one = agree.astype(jnp.float32)
-        number = jnp.sum(one)
-        share = one / jnp.maximum(number, 1.0)
-        # Moments, all sums in one pass over the beams: XLA on a CPU fuses them.
-        mean_x, mean_y = jnp.sum(share * x), jnp.sum(share * y)
-        square = jnp.sum(share * (x * x + y * y)) - mean_x**2 - mean_y**2
+        number, against, hits, sum_x, sum_y, square = sums(
+            one,
+            contradict.astype(jnp.float32),
+            hit.astype(jnp.float32),
+            one * x,
+            one * y,
+            one * (x * x + y * y),
+        )
+        share = 1.0 / jnp.maximum(number, 1.0)
+        spread = share * square - (share * sum_x) ** 2 - (share * sum_y) ** 2
         return cls(
             agree=number,
-            contradict=jnp.sum(contradict, dtype=jnp.float32),
-            hits=jnp.sum(hit, dtype=jnp.float32),
-            extent=jnp.sqrt(jnp.maximum(square, 0.0)),
+            contradict=against,
+            hits=hits,
+            extent=jnp.sqrt(jnp.maximum(spread, 0.0)),
         )
 
 
@@ -100,15 +105,10 @@ def congruence(
 def both_ways(
     reference: View, query: View, T_ref_query: Pose, config: CongruenceConfig
 ) -> tuple[Verdicts, Verdicts]:
-    """What the query's beams say of the reference's synthetic scan, and the other way about.
-
-    One mapped function: half as much for XLA to compile, and to run one after the other.
-    """
-    slots = max(reference.range.shape[-1], query.range.shape[-1])
-    views = jax.tree.map(lambda *pair: jnp.stack(pair), reference.pad(slots), query.pad(slots))
+    """What the query's beams say of the reference's synthetic scan, and the other way about."""
+    overviews, fronts = facing(reference, query)
     T_front_overview = jnp.stack([inverse(T_ref_query), T_ref_query])
-    fronts = jax.tree.map(lambda array: array[::-1], views)
-    verdicts = jax.vmap(congruence, (0, 0, 0, None))(views, fronts, T_front_overview, config)
+    verdicts = jax.vmap(congruence, (0, 0, 0, None))(overviews, fronts, T_front_overview, config)
     ahead, back = (jax.tree.map(lambda array: array[k], verdicts) for k in range(2))  # noqa: B023
     return ahead, back
 

@@ -88,6 +88,16 @@ class View(eqx.Module):
         return self.scanner.look_up(xy)
 
 
+def facing(reference: View, query: View) -> tuple[View, View]:
+    """The overviews and the fronts of both ways, ahead and back, each stacked.
+
+    For one mapped function: half as much for XLA to compile, and to run one after the other.
+    """
+    slots = max(reference.range.shape[-1], query.range.shape[-1])
+    overviews = jax.tree.map(lambda *pair: jnp.stack(pair), reference.pad(slots), query.pad(slots))
+    return overviews, jax.tree.map(lambda array: array[::-1], overviews)
+
+
 class Scanner(eqx.Module):
     """In which directions a scanner looked."""
 

@@ -14,11 +14,12 @@ from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.alignment.voting import Votes, VotingConfig, vote
 from aprjax.batch import checked_config, checked_queries, flat_thresholds
+from aprjax.calls import rows_of
 from aprjax.features import Features, describe
 from aprjax.matcher import MatchConfig, answer, evaluate, preselected, rank
 from aprjax.numerics import single_precision
 from aprjax.programs import compiler_options
-from aprjax.references import ReferenceIndex, check_references, rows_of
+from aprjax.references import ReferenceIndex, check_references
 from aprjax.relations.histograms import preselection_quality
 from aprjax.result import Counts, MatchResult
 from aprjax.scan import Scan

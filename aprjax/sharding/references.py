@@ -9,20 +9,20 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array
 
+from aprjax.calls import rows_of
+from aprjax.describing import described
 from aprjax.features import FeatureConfig
 from aprjax.numerics import bucket
 from aprjax.references import (
     ReferenceIndex,
     checked_features,
     checked_poses,
-    described,
     equally_wide,
     index_of,
     joined,
     middle,
     next_ids,
     remaining,
-    rows_of,
 )
 from aprjax.scan import Scan, as_stack
 

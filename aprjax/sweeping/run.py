@@ -25,10 +25,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from aprjax.configuration import check_kind
-from aprjax.features import Features, describe
+from aprjax.describing import describe_chunk
+from aprjax.features import Features
 from aprjax.matcher import MatchConfig, direction_spectra, match_one
 from aprjax.numerics import bucket, single_precision
 from aprjax.programs import Program
@@ -223,7 +224,7 @@ def _work(
         columns = None if keep is None else keep.load(name)
         if columns is None:
             if described is None:
-                described = _describe_program(scans.pad_batch(size), references)
+                described = describe_chunk(scans.pad_batch(size), references.config)
             padded = np.pad(index, (0, most - len(index)), mode="edge")
             result = jax.device_get(
                 _sweep_program(
@@ -256,22 +257,8 @@ def _chosen(configs: MatchConfig, index: np.ndarray) -> MatchConfig:
     return chosen
 
 
-class _Described(eqx.Module):
-    """Queries, and what preselection makes of them."""
-
-    features: Features
-    q_m: Float[Array, "queries rows"]
-
-
-def _describe(scans: Scan, references: ReferenceIndex) -> _Described:
-    queries = jax.vmap(describe, (0, None))(scans, references.config)
-    relation = references.config.relation
-    q_m = preselection_quality(queries.histogram, references.features.histogram, relation)
-    return _Described(queries, q_m)
-
-
 def _sweep_chunk(
-    queries: _Described,
+    queries: Features,
     references: ReferenceIndex,
     configs: MatchConfig,
     count: int,
@@ -281,15 +268,16 @@ def _sweep_chunk(
     axes = jax.tree.map(lambda leaf: 0 if jnp.ndim(leaf) else None, configs)
     nothing = jnp.full(1, -1, jnp.int32)
     spectra = None if configs.cascade else direction_spectra(references)
+    relation = references.config.relation
+    q_m = preselection_quality(queries.histogram, references.features.histogram, relation)
 
-    def one(query: _Described) -> MatchResult:
-        each = partial(match_one, query.features, query.q_m, nothing, references, spectra=spectra)
+    def one(of: tuple[Features, Array]) -> MatchResult:
+        each = partial(match_one, *of, nothing, references, spectra=spectra)
         return jax.vmap(each, (axes,), axis_size=count)(configs)
 
-    return (jax.vmap(one) if together else partial(jax.lax.map, one))(queries)
+    return (jax.vmap(one) if together else partial(jax.lax.map, one))((queries, q_m))
 
 
-_describe_program = Program(_describe, _Described)
 _sweep_program = Program(_sweep_chunk, MatchResult, static=("count", "together"))
 
 

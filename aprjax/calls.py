@@ -1,0 +1,59 @@
+"""Many scans in jitted calls of one or of a chunk, which fill the device and bound its memory."""
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+import jax
+import numpy as np
+
+from aprjax.numerics import single_precision
+
+CHUNK = 32
+"""Scans of a call, at most, where no configuration says otherwise."""
+_AHEAD = 2
+"""Calls at a time on an accelerator: while it works on one, the host prepares the next."""
+
+_Result = TypeVar("_Result")
+
+
+def size_of_calls(count: int, most: int = CHUNK) -> int:
+    """How many of `count` scans a call takes, `most` at most.
+
+    A CPU's cores share the calls: it takes `most` where there are so many for each core, else one,
+    so that there are two programs whatever the number of scans. An accelerator takes all at once,
+    padded to a power of two.
+    """
+    if _on_cpu():
+        return most if count >= _workers() * most else 1
+    return min(most, 1 << max(count - 1, 0).bit_length())
+
+
+def in_calls(work: Callable[[int], _Result], count: int, size: int) -> list[_Result]:
+    """What `work` returns for each start of `size` scans, several at the same time, in order."""
+
+    def alone(start: int) -> _Result:
+        # A setting of the thread, of which each has its own.
+        with single_precision():
+            return work(start)
+
+    starts = range(0, count, size)
+    if len(starts) == 1:
+        return [alone(0)]
+    # XLA runs the calls of one thread one after another, those of several at the same time.
+    with ThreadPoolExecutor(_workers()) as pool:
+        return list(pool.map(alone, starts))
+
+
+def rows_of(stacked, rows):
+    """Some rows of stacked scans or features, on the host."""
+    return jax.tree.map(lambda array: np.asarray(array)[rows], stacked)
+
+
+def _on_cpu() -> bool:
+    return jax.default_backend() == "cpu"
+
+
+def _workers() -> int:
+    return (os.cpu_count() or 1) if _on_cpu() else _AHEAD

@@ -1,0 +1,33 @@
+"""Describing many scans: on the host, in jitted calls."""
+
+import jax
+import numpy as np
+
+from aprjax.calls import in_calls, rows_of, size_of_calls
+from aprjax.features import FeatureConfig, Features, describe
+from aprjax.programs import Program
+from aprjax.scan import Scan
+
+
+def _describe_chunk(scans: Scan, config: FeatureConfig) -> Features:
+    return jax.vmap(describe, (0, None))(scans, config)
+
+
+describe_chunk = Program(_describe_chunk, Features)
+"""The features of stacked scans, on the device. References and queries share what is compiled."""
+
+
+def described(scans: Scan, config: FeatureConfig) -> Features:
+    """Features of stacked scans, on the host.
+
+    Put together by NumPy: eager jax operations would compile for every number of scans.
+    """
+    count = scans.ranges.shape[0]
+    size = size_of_calls(count)
+
+    def work(start: int) -> Features:
+        rows = rows_of(scans, slice(start, start + size))
+        return jax.device_get(describe_chunk(rows.pad_batch(size), config))
+
+    chunks = in_calls(work, max(count, 1), size)
+    return jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *chunks)
