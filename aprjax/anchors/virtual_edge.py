@@ -151,11 +151,11 @@ def _lines_along(
 
     def line(peak):
         weight = jnp.where(jnp.abs(offset - peak) <= config.width, length, 0.0)
-        total, x, y = sums(weight, weight * xy[:, 0], weight * xy[:, 1])
-        size = jnp.maximum(total, 1e-6)
-        centre = jnp.stack([x, y]) / size
+        total = jnp.sum(weight)
+        share = weight / jnp.maximum(total, 1e-6)
+        centre = jnp.stack(sums(share * xy[:, 0], share * xy[:, 1]))
         x, y = xy[:, 0] - centre[0], xy[:, 1] - centre[1]
-        xx, yy, cross = sums(weight * x * x, weight * y * y, weight * x * y)
+        xx, yy, cross = sums(*(share * product for product in (x * x, y * y, x * y)))
         fitted = 0.5 * safe_arctan2(2 * cross, xx - yy)
         along = x * jnp.cos(fitted) + y * jnp.sin(fitted)
         return Lines(
