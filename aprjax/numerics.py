@@ -115,6 +115,18 @@ def in_turn(
     return jax.lax.fori_loop(first, rounds, round_, (load(first), state))[1]
 
 
+def in_parts(use: Callable[[_Loaded], _State], loaded: _Loaded, parts: int = 2) -> _State:
+    """`use(loaded)`, part after part of the leading axis, as far as it can be divided.
+
+    As `in_turn` for what can be computed all at once: a loop is given what was computed before.
+    """
+    rows = jax.tree.leaves(loaded)[0].shape[0]
+    parts = parts if rows % parts == 0 else 1
+    divided = jax.tree.map(lambda a: a.reshape(parts, rows // parts, *a.shape[1:]), loaded)
+    used = jax.lax.map(use, divided)
+    return jax.tree.map(lambda a: a.reshape(rows, *a.shape[2:]), used)
+
+
 def running_max(values: Int[Array, " n"]) -> Int[Array, " n"]:
     """The greatest of each value and all before it.
 

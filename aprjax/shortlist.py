@@ -104,7 +104,7 @@ def glances(
     The likeness tells which references are near, whatever the pose; `alike` times it counts as a
     logarithm of odds.
     """
-    drawn = jax.vmap(glance, (None, 0, None, 0, 0, None, None))(
+    drawn = glance(
         references.raster,
         votes.row,
         query.raster,

@@ -5,12 +5,14 @@ closely. One memory access takes the place of a look-up by bearing.
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
 from aprjax.configuration import capacity, threshold
 from aprjax.evaluation.view import View
+from aprjax.numerics import in_parts
 from aprjax.se2 import Pose
 
 _AGREES, _CONTRADICTS = 1, 127
@@ -81,52 +83,57 @@ def raster(view: View, config: RasterConfig) -> Raster:
 
 def glance(
     references: Raster,
-    row: Int[Array, ""],
+    row: Int[Array, " poses"],
     query: Raster,
-    T_ref_query: Pose,
-    rating: Float[Array, ""],
+    T_ref_query: Float[Array, "poses 3"],
+    rating: Float[Array, " poses"],
     raster_config: RasterConfig,
     config: GlanceConfig,
-) -> Float[Array, ""]:
+) -> Float[Array, " poses"]:
     """How far two drawings agree, both ways, in [0, 1], and how many edges voted for it.
 
-    `row` says which of the stacked `references` is meant.
+    `row` says which of the stacked `references` each pose is meant for.
     """
-    size = raster_config.size
-    cos, sin = jnp.cos(T_ref_query[2]), jnp.sin(T_ref_query[2])
+    met = jax.vmap(_cells_met, (None, 0, None, 0, None))(
+        references, row, query, T_ref_query, raster_config
+    )
 
-    def said(
-        cells: Int[Array, " cells"],
-        first: Int[Array, ""],
-        x: Float[Array, " points"],
-        y: Float[Array, " points"],
-        hits: Float[Array, ""],
-    ) -> Float[Array, ""]:
-        """The share of agreeing points in the drawing that begins at `first`."""
-        i = jnp.floor(x / raster_config.cell + size / 2).astype(jnp.int32)
-        j = jnp.floor(y / raster_config.cell + size / 2).astype(jnp.int32)
-        inside = (i >= 0) & (i < size) & (j >= 0) & (j < size)
-        cell = jnp.where(inside, first + i * size + j, 0)
-        found = cells.at[cell].get(mode="promise_in_bounds").astype(jnp.int32)
-        both = jnp.sum(jnp.where(inside, found, 0))
-        agree = (both % _CONTRADICTS).astype(jnp.float32)
-        against = (both // _CONTRADICTS).astype(jnp.float32) * config.contradiction
+    def said(cells: Int[Array, "*all size size"], met: Int[Array, "part points"]) -> Array:
+        found = cells.reshape(-1).at[jnp.maximum(met, 0)].get(mode="promise_in_bounds")
+        return jnp.sum(jnp.where(met >= 0, found.astype(jnp.int32), 0), axis=1)
+
+    def both_ways(met: tuple[Array, Array]) -> tuple[Array, Array]:
+        return said(references.cells, met[0]), said(query.cells, met[1])
+
+    def share(said: Int[Array, " poses"], hits: Float[Array, "*poses"]) -> Float[Array, " poses"]:
+        """Of agreeing points."""
+        agree = (said % _CONTRADICTS).astype(jnp.float32)
+        against = (said // _CONTRADICTS).astype(jnp.float32) * config.contradiction
         return agree / jnp.maximum(agree + against + config.doubt * hits, 1.0)
 
+    ahead, back = in_parts(both_ways, met)
+    voted = rating / jnp.maximum(rating + config.votes, _TINY)
+    return share(ahead, query.hits) * share(back, references.hits[row]) * voted
+
+
+def _cells_met(
+    references: Raster, row: Int[Array, ""], query: Raster, T_ref_query: Pose, config: RasterConfig
+) -> tuple[Int[Array, " points"], Int[Array, " points"]]:
+    """In one pose, the cells in which end points of either scan lie on the other's drawing, or -1.
+
+    The reference's are numbered through all `references`.
+    """
+    size = config.size
+
+    def cell(x: Float[Array, " points"], y: Float[Array, " points"]) -> Int[Array, " points"]:
+        i = jnp.floor(x / config.cell + size / 2).astype(jnp.int32)
+        j = jnp.floor(y / config.cell + size / 2).astype(jnp.int32)
+        inside = (i >= 0) & (i < size) & (j >= 0) & (j < size)
+        return jnp.where(inside, i * size + j, -1)
+
     x, y = T_ref_query[0], T_ref_query[1]
-    ahead = said(
-        references.cells.reshape(-1),
-        row * (size * size),
-        cos * query.x - sin * query.y + x,
-        sin * query.x + cos * query.y + y,
-        query.hits,
-    )
+    cos, sin = jnp.cos(T_ref_query[2]), jnp.sin(T_ref_query[2])
+    ahead = cell(cos * query.x - sin * query.y + x, sin * query.x + cos * query.y + y)
     dx, dy = references.x[row] - x, references.y[row] - y
-    back = said(
-        query.cells.reshape(-1),
-        jnp.int32(0),
-        cos * dx + sin * dy,
-        cos * dy - sin * dx,
-        references.hits[row],
-    )
-    return ahead * back * rating / jnp.maximum(rating + config.votes, _TINY)
+    back = cell(cos * dx + sin * dy, cos * dy - sin * dx)
+    return jnp.where(ahead >= 0, row * (size * size) + ahead, -1), back

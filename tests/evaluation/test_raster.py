@@ -17,7 +17,15 @@ BEAMS = np.arange(180)
 HALF = (BEAMS >= 3) & (BEAMS < 93)
 
 _draw = jax.jit(jax.vmap(raster, (0, None)))
-_glance = jax.jit(jax.vmap(glance, (None, 0, 0, 0, 0, None, None)))
+_together = jax.jit(glance)
+
+
+@jax.jit
+def _glance(references, rows, queries, T_ref_query, ratings, config, rules):
+    def one(row, query, T, rating):
+        return glance(references, row[None], query, T[None], rating[None], config, rules)[0]
+
+    return jax.vmap(one)(rows, queries, T_ref_query, ratings)
 
 
 def draw(views):
@@ -50,6 +58,19 @@ def one(reference, query, T_ref_query=(0, 0, 0), rating=1.0, rules=RULES):
     # Eight times the same: one shape for all.
     queries = row(drawn, np.ones(8, int))
     return glances(drawn, np.zeros(8), queries, np.tile(T_ref_query, (8, 1)), rating, rules)[0]
+
+
+@pytest.mark.parametrize("poses", [5, 8])
+def test_poses_of_one_query_together_are_as_one_by_one(poses, pairs):
+    _, drawn, T = pairs
+    T = np.asarray(T, np.float32)
+    which = np.arange(poses) % PAIRS
+    ratings = np.full(poses, 2.0, np.float32)
+    query = row(drawn, PAIRS)
+    found = _together(drawn, np.int32(which), query, T[which], ratings, CONFIG, RULES)
+    queries = row(drawn, np.full(poses, PAIRS))
+    np.testing.assert_array_equal(found, glances(drawn, which, queries, T[which], 2.0))
+    assert np.ptp(found) > 0
 
 
 def voted(rating):
