@@ -2,6 +2,7 @@
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from aprjax.evaluation.view import View
@@ -27,18 +28,23 @@ def synthetic_scan(
     facing = overview.linked & (area > 1e-6)
     scale = jnp.where(facing, 1.0 / jnp.where(facing, area, 1.0), 0.0)
 
-    # Piece after piece over all beams: on a CPU, XLA vectorises this, and not a reduction over
-    # the dense beam x piece array.
-    def nearest(carry, piece):
-        largest, before = carry
-        point, scale = piece
-        after = point[0] * sin - point[1] * cos
-        crossed = (before >= 0) & (after < 0)
-        largest = jnp.maximum(largest, jnp.where(crossed, (before - after) * scale, 0.0))
-        return (largest, after), None
+    # Group after group of pieces over all beams: on a CPU, XLA vectorises this, and not a reduction
+    # over the dense beam x piece array.
+    def nearest(largest, group):
+        points, scale = group
+        side = [points[k, 0] * sin - points[k, 1] * cos for k in range(_GROUP + 1)]
+        for k in range(_GROUP):
+            crossed = (side[k] >= 0) & (side[k + 1] < 0)
+            beyond = jnp.where(crossed, (side[k] - side[k + 1]) * scale[k], 0.0)
+            largest = jnp.maximum(largest, beyond)
+        return largest, None
 
-    first = xy[0, 0] * sin - xy[0, 1] * cos
-    (largest, _), _ = jax.lax.scan(
-        nearest, (jnp.zeros_like(bearings), first), (stop, scale), unroll=8
-    )
-    return largest
+    # With the first point of the next group at its end, a group needs nothing of the one before.
+    groups = -(-xy.shape[0] // _GROUP)
+    point = _GROUP * np.arange(groups)[:, None] + np.arange(_GROUP + 1)
+    pieces = jnp.pad(scale, (0, groups * _GROUP - xy.shape[0])).reshape(groups, _GROUP)
+    return jax.lax.scan(nearest, jnp.zeros_like(bearings), (xy[point % xy.shape[0]], pieces))[0]
+
+
+_GROUP = 8
+"""Surface pieces in one round."""
