@@ -54,9 +54,9 @@ def match_batch(
     closed loops; -1 stands for none. For each bucket of beams, of references and of ids to exclude
     (see `numerics.bucket`) there are two programs, of one query and of a chunk, whatever the
     thresholds; on an accelerator also those of smaller chunks. What describes the queries is shared
-    with `ReferenceSet.build`. Raises `ValueError` for an
-    empty list, for no references, and naming what is no scan, no id, no `ReferenceSet` or no
-    `MatchConfig`; a scan in which nothing can be found is no error but a status.
+    with `ReferenceSet.build`. Raises `ValueError` for an empty list, for no references, and naming
+    what is no scan, no id, no `ReferenceSet` or no `MatchConfig`; a scan in which nothing can be
+    found is no error but a status.
     """
     config = checked_config(config)
     check_references(references, ReferenceSet)
