@@ -8,6 +8,7 @@ from aprjax.numerics import (
     bucket,
     dot,
     first_max,
+    in_parts,
     running_max,
     running_min_from_end,
     safe_arctan2,
@@ -124,6 +125,18 @@ def test_sums_over_the_first_axis_are_those_of_numpy_mapped_or_not():
     for k in range(3):
         np.testing.assert_allclose(sums(*terms[:, 0])[k], terms[k, 0].sum(axis=0), rtol=1e-5)
         np.testing.assert_allclose(mapped[k], terms[k].sum(axis=1), rtol=1e-5)
+
+
+@pytest.mark.parametrize("rows", [1, 4, 5, 6])
+def test_in_parts_is_as_all_at_once(rows):
+    numbers = np.arange(3.0 * rows).reshape(rows, 3).astype(np.float32)
+
+    def use(arrays):
+        return jnp.sum(arrays[0], axis=1), arrays[1] + 1
+
+    found = in_parts(use, (numbers, numbers[:, 0]))
+    np.testing.assert_array_equal(found[0], numbers.sum(axis=1))
+    np.testing.assert_array_equal(found[1], numbers[:, 0] + 1)
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 8, 181])

@@ -1,3 +1,5 @@
+import dataclasses
+
 import jax
 import numpy as np
 import pytest
@@ -66,6 +68,19 @@ def test_ranges_are_those_of_an_explicit_intersection_of_rays_and_pieces(scans, 
         assert np.mean(off > 1e-3 * np.maximum(expected, 0.1)) < 0.02, name
         claimed.append(np.mean(expected > 0))
     assert np.mean(claimed) > 0.2
+
+
+@pytest.mark.parametrize("slots", [181, 185, 199])
+def test_how_many_slots_a_view_has_makes_no_difference(scans, slots):
+    view = row(scans, [0])
+    names = ("xy", "range", "hit", "linked", "normal")
+    cut = {name: getattr(view, name)[:, :181] for name in names}
+    other = dataclasses.replace(view, **cut).pad(slots)
+    T = oracle.between(POSES[1], POSES[0])[None].astype(np.float32)
+    bearings = bearings_of(scans)[[0]].astype(np.float32)
+    wanted = np.asarray(synthetic(view, T, bearings))
+    assert (wanted > 0).sum() > 100
+    np.testing.assert_array_equal(synthetic(other, T, bearings), wanted)
 
 
 def test_from_its_own_place_a_scan_is_reproduced(scans):
