@@ -83,7 +83,9 @@ def test_where_all_are_likely_the_answers_are_those_of_a_reference_set(small_blo
     ):
         assert one.dtype == other.dtype
         if np.issubdtype(one.dtype, np.floating):
-            np.testing.assert_allclose(one, other, atol=2e-4, err_msg=str(path))
+            # Of a pose that hardly anything holds, a covariance is large, and rounded as such.
+            rtol = 1e-3 if one.ndim == 4 else 1e-7
+            np.testing.assert_allclose(one, other, rtol=rtol, atol=2e-4, err_msg=str(path))
         else:
             np.testing.assert_array_equal(one, other, err_msg=str(path))
     assert near.reference[:5, 0].tolist() == list(range(5))
