@@ -78,9 +78,8 @@ def test_where_all_are_likely_the_answers_are_those_of_a_reference_set(small_blo
     references = ReferenceSet.build(known)
     single = [match(q, references, exclude=e) for q, e in zip(queries, exclude, strict=True)]
     whole = jax.tree.map(lambda *leaves: np.stack(leaves), *single)
-    # Sums are rounded as each program orders them, and the last solve may stop a step earlier: half
-    # a millimetre. Of a pose that hardly anything holds, the covariance is large.
-    loose = {".T_ref_query": {"atol": 5e-4}, ".covariance": {"rtol": 1e-2, "atol": 2e-4}}
+    # Alternatives of one place, 0.21 mm apart, have the same e_m to the bit: either may be best.
+    loose = {".T_ref_query": {"atol": 3e-4}}
     for (path, one), other in zip(
         jax.tree_util.tree_leaves_with_path(near), jax.tree.leaves(whole), strict=True
     ):
