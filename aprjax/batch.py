@@ -34,8 +34,9 @@ def match(
     `match_batch` without the leading axis.
     """
     ids = checked_ids("exclude", exclude)
-    result = match_batch([scan], references, config, exclude=ids[None])
-    return jax.tree.map(lambda array: array[0], result)
+    config = checked_config(config)
+    words = _matched([scan], references, config, ids[None])
+    return unpack(words[0], result_shapes(config.hypotheses))
 
 
 def match_batch(
@@ -53,12 +54,23 @@ def match_batch(
     references that must not answer a query, as the scans taken just before it in a search for
     closed loops; -1 stands for none. For each bucket of beams, of references and of ids to exclude
     (see `numerics.bucket`) there are two programs, of one query and of a chunk, whatever the
-    thresholds; on an accelerator also those of smaller chunks. What describes the queries is shared
-    with `ReferenceSet.build`. Raises `ValueError` for an empty list, for no references, and naming
-    what is no scan, no id, no `ReferenceSet` or no `MatchConfig`; a scan in which nothing can be
-    found is no error but a status.
+    thresholds; on an accelerator also those of smaller chunks. What describes so many scans at a
+    time is shared with `ReferenceSet.build`. Raises `ValueError` for an empty list, for no
+    references, and naming what is no scan, no id, no `ReferenceSet` or no `MatchConfig`; a scan in
+    which nothing can be found is no error but a status.
     """
     config = checked_config(config)
+    words = _matched(scans, references, config, exclude)
+    return unpack(words, result_shapes(config.hypotheses))
+
+
+def _matched(
+    scans: Sequence[Scan] | Scan,
+    references: ReferenceSet,
+    config: MatchConfig,
+    exclude: np.ndarray | None,
+) -> np.ndarray:
+    """`MatchResult`s of all scans as `pack` leaves them `(queries, words)`."""
     check_references(references, ReferenceSet)
     batch, excluded = checked_queries(scans, exclude)
     queries = len(excluded)
@@ -82,8 +94,7 @@ def match_batch(
         )
         return np.asarray(found.words)[: len(ids)]
 
-    words = np.concatenate(in_calls(work, queries, chunk))
-    return unpack(words, result_shapes(config.hypotheses))
+    return np.concatenate(in_calls(work, queries, chunk))
 
 
 def checked_queries(

@@ -12,6 +12,8 @@ from aprjax.numerics import single_precision
 
 CHUNK = 32
 """Scans of a call, at most, where no configuration says otherwise."""
+_SETTINGS = ("jax_default_device", "jax_default_matmul_precision")
+"""Of JAX, which a user may have set for a thread."""
 _AHEAD = 2
 """Calls at a time on an accelerator: while it works on one, the host prepares the next."""
 
@@ -22,8 +24,8 @@ def size_of_calls(count: int, most: int = CHUNK) -> int:
     """How many of `count` scans a call takes, `most` at most.
 
     A CPU's cores share the calls: it takes `most` where there are so many for each core, else one,
-    so that there are two programs whatever the number of scans. An accelerator takes all at once,
-    padded to a power of two.
+    so that there are two programs whatever the number of scans. An accelerator takes all of them
+    at once, `most` at most, padded to a power of two.
     """
     if _on_cpu():
         return most if count >= _workers() * most else 1
@@ -31,11 +33,20 @@ def size_of_calls(count: int, most: int = CHUNK) -> int:
 
 
 def in_calls(work: Callable[[int], _Result], count: int, size: int) -> list[_Result]:
-    """What `work` returns for each start of `size` scans, several at the same time, in order."""
+    """What `work` returns for each start of `size` scans, in order.
+
+    It works in single precision; where there are several calls, in threads, with the device and the
+    precision that are the caller's.
+    """
+    device, precision = (getattr(jax.config, name) for name in _SETTINGS)
 
     def alone(start: int) -> _Result:
-        # A setting of the thread, of which each has its own.
-        with single_precision():
+        # Settings are the thread's, of which each has its own.
+        with (
+            single_precision(),
+            jax.default_device(device),
+            jax.default_matmul_precision(precision),
+        ):
             return work(start)
 
     starts = range(0, count, size)

@@ -14,12 +14,13 @@ JAX compiles a program for each combination of array shapes. aprjax pads to few 
 
   ```
 
-- *Scans* are described, and queries matched, in chunks of one size. On a CPU, where there are not
-  enough for a chunk (`MatchConfig.chunk`) on each core, they are as quick one by one, by the
-  programs of a single scan: there are two programs of each kind, whatever the number. On an
-  accelerator a chunk that is not filled is one of 1, 2, 4, …
-- *References and queries* are described by the same programs: where a set has been built, a match
-  has only the rest to compile.
+- *Scans* are described, and queries matched, in chunks of one size: of 32, queries of
+  `MatchConfig.chunk`. On a CPU, where there are not enough for a chunk on each core, they are as
+  quick one by one, by the programs of a single scan: there are two programs of each kind, whatever
+  the number. On an accelerator a chunk that is not filled is one of 1, 2, 4, …
+- *References and queries* of one bucket of beams are described by the same programs, where they
+  come in chunks of the same size: after a set has been built of a few scans, a single match has
+  only the rest to compile; after one of many, that of many queries.
 
 - *Capacities* of a configuration (anchors, alternatives, hypotheses, `top_k`) set array sizes:
   another value compiles anew. Where one does not suffice, the result says so

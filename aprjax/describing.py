@@ -26,8 +26,10 @@ def described(scans: Scan, config: FeatureConfig) -> Features:
     size = size_of_calls(count)
 
     def work(start: int) -> Features:
-        rows = rows_of(scans, slice(start, start + size))
-        return jax.device_get(describe_chunk(rows.pad_batch(size), config))
+        rows = slice(start, start + size)
+        # On an instance, Equinox would first make a module of the method.
+        chunk = Scan.pad_batch(rows_of(scans, rows), size)
+        return jax.device_get(describe_chunk(chunk, config))
 
     chunks = in_calls(work, max(count, 1), size)
     return jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *chunks)

@@ -1,4 +1,4 @@
-"""APR scan matching: section 2 of the paper, from a scan to weighted global alignments."""
+"""APR scan matching: section 2 of the paper, from features to weighted global alignments."""
 
 from dataclasses import replace
 from functools import partial

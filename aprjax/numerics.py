@@ -66,7 +66,7 @@ def sums(*terms: Float[Array, "n ..."]) -> tuple[Float[Array, "..."], ...]:
 
     As sums of their own, XLA on a CPU would compile and compute what they share again for each.
     """
-    zeros = (np.float32(0),) * len(terms)
+    zeros = tuple(np.zeros((), term.dtype) for term in terms)
     return jax.lax.reduce(terms, zeros, lambda a, b: tuple(map(jnp.add, a, b)), (0,))
 
 
@@ -116,9 +116,10 @@ def in_turn(
 
 
 def in_parts(use: Callable[[_Loaded], _State], loaded: _Loaded, parts: int = 2) -> _State:
-    """`use(loaded)`, part after part of the leading axis, as far as it can be divided.
+    """`use(loaded)`, part after part of the leading axis; all at once if it is not a multiple.
 
-    As `in_turn` for what can be computed all at once: a loop is given what was computed before.
+    As `in_turn` for what can be computed at once: a loop, however short, is given what was computed
+    before it.
     """
     rows = jax.tree.leaves(loaded)[0].shape[0]
     parts = parts if rows % parts == 0 else 1

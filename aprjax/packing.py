@@ -28,13 +28,18 @@ def pack(tree: Any, like: Any) -> Int[Array, "rows words"]:
     return jnp.concatenate([bits(leaf) for leaf in jax.tree.leaves(tree)], axis=1)
 
 
-def unpack(words: np.ndarray, like: Any) -> Any:
-    """The arrays of which `pack` made `words` `(rows, words)`, on the host, one by one."""
+def unpack(words: Int[np.ndarray, "*rows words"], like: Any) -> Any:
+    """The arrays of which `pack` made `words`, on the host, one by one.
+
+    Those of a single row may come without its axis.
+    """
     leaves, structure = jax.tree.flatten(like)
+    views = {np.dtype(kind): words.view(kind) for kind in (np.int32, np.float32)}
     found, start = [], 0
     for leaf in leaves:
-        stop = start + math.prod(leaf.shape)
-        part = np.ascontiguousarray(words[:, start:stop]).reshape(len(words), *leaf.shape)
-        found.append(part != 0 if leaf.dtype == bool else part.view(leaf.dtype))
+        stop, truth = start + math.prod(leaf.shape), leaf.dtype == bool
+        part = views[np.dtype(np.int32) if truth else leaf.dtype][..., start:stop]
+        part = np.ascontiguousarray(part).reshape((*words.shape[:-1], *leaf.shape))[()]
+        found.append(part != 0 if truth else part)
         start = stop
     return jax.tree.unflatten(structure, found)

@@ -206,7 +206,9 @@ def operations(jaxpr: Any) -> float:
         if inner:
             times = parameters.get("length", 1) if name == "scan" else 1
             reducer = name.startswith(("reduce", "scatter"))
-            total += max(sizes) if reducer else times * sum(map(operations, inner))
+            # A reduction to several results is as many.
+            results = len(equation.outvars)
+            total += max(sizes) * results if reducer else times * sum(map(operations, inner))
         elif name == "dot_general":
             (contracted, _), _ = parameters["dimension_numbers"]
             shape = equation.invars[0].aval.shape

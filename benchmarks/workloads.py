@@ -8,7 +8,8 @@ import jax
 import numpy as np
 
 import aprjax
-from aprjax.features import describe
+from aprjax.calls import CHUNK
+from aprjax.describing import describe_chunk
 from aprjax.metrics import deviations
 from aprjax.sweeping.axes import thresholds
 from aprjax.tracking.belief import Situation
@@ -26,7 +27,6 @@ SWEPT = {
 }
 MOST_RUNS = 20  # that a sweep of 64 configurations may cost
 CALLS = 1000  # of single queries
-CHUNK = 64  # scans described at a time
 FEW = 30  # references, as many as the paper has
 
 PAIR = "µs per scan and reference"
@@ -69,9 +69,8 @@ def tracking(quick: bool) -> Samples:
 def extraction(quick: bool) -> Samples:
     """Everything that is computed of a scan by itself."""
     scans = some(split(INTEL).queries, slice(CHUNK))
-    described = jax.jit(jax.vmap(describe, (0, None)))
     config = aprjax.FeatureConfig()
-    seconds = timed(lambda _: described(scans, config), 20 if quick else 100)
+    seconds = timed(lambda _: describe_chunk(scans, config), 20 if quick else 100)
     return Samples(1e6 * seconds / CHUNK)
 
 

@@ -44,3 +44,15 @@ def test_calls_compute_in_single_precision_on_every_thread():
     finally:
         jax.config.update("jax_enable_x64", False)
     assert found == [np.float32] * 4
+
+
+def test_calls_are_the_callers_as_to_device_and_precision_on_every_thread():
+    device = jax.devices()[0]
+    with jax.default_device(device), jax.default_matmul_precision("float32"):
+        found = in_calls(lambda _: settings(), 3, 1)
+    assert found == [(device, "float32")] * 3
+    assert in_calls(lambda _: settings(), 3, 1) == [settings()] * 3
+
+
+def settings():
+    return jax.config.jax_default_device, jax.config.jax_default_matmul_precision

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from jax.experimental.compilation_cache import compilation_cache
 
-from aprjax import batch
+from aprjax import batch, describing
+from aprjax.anchors.extract import ExtractionConfig
 from aprjax.batch import match, match_batch
 from aprjax.compilation import cache_compilations, warm_up
+from aprjax.features import FeatureConfig
 from aprjax.matcher import MatchConfig
 from aprjax.programs import keep_traces
 from aprjax.references import ReferenceSet
@@ -36,11 +38,25 @@ def settings_restored():
 def test_after_warming_up_nothing_is_compiled():
     rng, world = np.random.default_rng(0), office(seed=2)
     scans = [scan_at(world, free_pose(world, rng), rng=rng) for _ in range(6)]
-    references = ReferenceSet.build(scans)
+    config = FeatureConfig(extraction=ExtractionConfig(anchors=10))  # as no other test has it
+    references = ReferenceSet.build([thinned(scan) for scan in scans], config)
+    described = describing.describe_chunk.compiled
     warm_up(references, beams=181, batches=[1])
+    assert describing.describe_chunk.compiled == described + 1
     compiled = batch._match_program.compiled
     assert np.asarray(match(scans[0], references).valid).any()
+    assert describing.describe_chunk.compiled == described + 1
     assert batch._match_program.compiled == compiled
+
+
+def thinned(scan):
+    """The scan with every second beam."""
+    return Scan.make(
+        scan.ranges[::2],
+        angle_min=scan.angle_min,
+        angle_increment=2 * scan.angle_increment,
+        range_max=scan.range_max,
+    )
 
 
 def test_a_few_queries_and_many_are_a_program_each_whatever_their_number():
@@ -51,6 +67,7 @@ def test_a_few_queries_and_many_are_a_program_each_whatever_their_number():
     before, counts = batch._match_program.compiled, []
     for few in range(1, min(2 * cores, 6)):
         match_batch(jax.tree.map(lambda array: array[:few], scans), references, config)  # noqa: B023
+        described = describing.describe_chunk.compiled
         counts.append(batch._match_program.compiled - before)
     for extra in range(3):
         rows = np.arange(2 * cores + extra) % 6
@@ -58,6 +75,7 @@ def test_a_few_queries_and_many_are_a_program_each_whatever_their_number():
         match_batch(many, references, config)
         counts.append(batch._match_program.compiled - before)
     assert counts == [1] * (len(counts) - 3) + [2] * 3
+    assert describing.describe_chunk.compiled <= described + 1
 
 
 @pytest.mark.parametrize(("beams", "batches"), [(0, [1]), (181, [1, 0])])

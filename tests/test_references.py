@@ -64,8 +64,9 @@ def test_rows_grow_in_buckets(scans, count, rows):
     assert built.index.ids.shape == (rows,)
 
 
-def test_scans_are_described_alike_wherever_they_stand(scans, references):
-    """More than one chunk of references, each scan many times."""
+def test_scans_are_described_alike_wherever_they_stand(scans, references, monkeypatch):
+    """More than two chunks of references, the last one padded, each scan many times."""
+    monkeypatch.setattr("os.cpu_count", lambda: 1)
     many = features(ReferenceSet.build([scans[i % len(scans)] for i in range(70)]))
     few = features(references)
     for a, b in zip(jax.tree.leaves(many), jax.tree.leaves(few), strict=True):

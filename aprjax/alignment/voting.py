@@ -45,7 +45,7 @@ class VotingConfig(eqx.Module):
 
 
 class Votes(eqx.Module):
-    """Poses, those of each part together, best rated first."""
+    """Poses, those of each part together; best rated first, where not all of them are kept."""
 
     T_ref_query: Pose
     """Metres and radians: that of the longest of the agreeing edges."""
@@ -115,7 +115,10 @@ def vote(
     weight = jnp.where(allowed, jax.lax.rsqrt(jnp.maximum(pairs, 1.0)), 0.0)
     votes = count.astype(jnp.float32).reshape(-1, config.grids, config.places)[:rows]
     rating = (votes * weight[:, None, None]).reshape(-1, config.places).T
-    rating, row = jax.lax.top_k(rating, min(config.poses, rating.shape[1]))
+    if rating.shape[1] > config.poses:
+        rating, row = jax.lax.top_k(rating, config.poses)
+    else:  # to sort them would take a single query longer than to count the votes does
+        row = jnp.broadcast_to(jnp.arange(rating.shape[1], dtype=jnp.int32), rating.shape)
     place = (row * config.places + jnp.arange(config.places)[:, None]).reshape(-1)
     rating, row = rating.reshape(-1), row.reshape(-1) // config.grids
     pair = jnp.maximum(pair[place], 0)

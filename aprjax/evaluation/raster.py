@@ -98,12 +98,12 @@ def glance(
         references, row, query, T_ref_query, raster_config
     )
 
-    def said(cells: Int[Array, "*all size size"], met: Int[Array, "part points"]) -> Array:
-        found = cells.reshape(-1).at[jnp.maximum(met, 0)].get(mode="promise_in_bounds")
-        return jnp.sum(jnp.where(met >= 0, found.astype(jnp.int32), 0), axis=1)
+    def told(cells: Int[Array, "*all size size"], at: Int[Array, "part points"]) -> Array:
+        found = cells.reshape(-1).at[jnp.maximum(at, 0)].get(mode="promise_in_bounds")
+        return jnp.sum(jnp.where(at >= 0, found.astype(jnp.int32), 0), axis=1)
 
-    def both_ways(met: tuple[Array, Array]) -> tuple[Array, Array]:
-        return said(references.cells, met[0]), said(query.cells, met[1])
+    def look_up(met: tuple[Array, Array]) -> tuple[Array, Array]:
+        return told(references.cells, met[0]), told(query.cells, met[1])
 
     def share(said: Int[Array, " poses"], hits: Float[Array, "*poses"]) -> Float[Array, " poses"]:
         """Of agreeing points."""
@@ -111,7 +111,7 @@ def glance(
         against = (said // _CONTRADICTS).astype(jnp.float32) * config.contradiction
         return agree / jnp.maximum(agree + against + config.doubt * hits, 1.0)
 
-    ahead, back = in_parts(both_ways, met)
+    ahead, back = in_parts(look_up, met)
     voted = rating / jnp.maximum(rating + config.votes, _TINY)
     return share(ahead, query.hits) * share(back, references.hits[row]) * voted
 

@@ -25,8 +25,8 @@ def synthetic_scan(
     cos, sin = sense * jnp.cos(bearings), sense * jnp.sin(bearings)
     start, stop = xy, jnp.concatenate([xy[1:], xy[:1]])
     area = sense * (start[:, 0] * stop[:, 1] - start[:, 1] * stop[:, 0])
-    facing = overview.linked & (area > 1e-6)
-    scale = jnp.where(facing, 1.0 / jnp.where(facing, area, 1.0), 0.0)
+    in_front = overview.linked & (area > 1e-6)
+    scale = jnp.where(in_front, 1.0 / jnp.where(in_front, area, 1.0), 0.0)
 
     # Group after group of pieces over all beams: on a CPU, XLA vectorises this, and not a reduction
     # over the dense beam x piece array.

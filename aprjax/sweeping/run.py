@@ -27,6 +27,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from aprjax.calls import rows_of
 from aprjax.configuration import check_kind
 from aprjax.describing import describe_chunk
 from aprjax.features import Features
@@ -98,7 +99,7 @@ def sweep(
     groups = list(_groups(configs, count))
 
     def work(start: int) -> tuple[list[MatchResult], list[Piece]]:
-        here = jax.tree.map(lambda array: np.asarray(array)[start : start + size], batch)
+        here = rows_of(batch, slice(start, start + size))
         # A setting of the thread, of which each has its own.
         with single_precision():
             return _work(start, here, size, references.index, configs, groups, keep)

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from aprjax.batch import match_batch
+from aprjax.calls import rows_of
 from aprjax.configuration import capacity, threshold
 from aprjax.matcher import MatchConfig
 from aprjax.plane import distance, wrap
@@ -113,7 +114,7 @@ def _answers(
 
     Of the `earlier` ones, those below `old` may answer each.
     """
-    batch = jax.tree.map(lambda array: np.asarray(array)[numbers], described.scans)
+    batch = rows_of(described.scans, numbers)
     young = _young(np.asarray(earlier.index.ids), old, config.batch)
     result = match_batch(batch.pad_batch(config.batch), earlier, config.match, exclude=young)
     result = jax.tree.map(lambda array: array[: len(numbers)], result)
