@@ -116,7 +116,7 @@ def in_turn(
 
 
 def in_parts(use: Callable[[_Loaded], _State], loaded: _Loaded, parts: int = 2) -> _State:
-    """`use(loaded)`, part after part of the leading axis; all at once if it is not a multiple.
+    """`use(loaded)`, part after part of the leading axis; in one part if it cannot be divided.
 
     As `in_turn` for what can be computed at once: a loop, however short, is given what was computed
     before it.

@@ -117,7 +117,7 @@ def vote(
     rating = (votes * weight[:, None, None]).reshape(-1, config.places).T
     if rating.shape[1] > config.poses:
         rating, row = jax.lax.top_k(rating, config.poses)
-    else:  # to sort them would take a single query longer than to count the votes does
+    else:  # to sort them would take a single query nearly as long as to count the votes
         row = jnp.broadcast_to(jnp.arange(rating.shape[1], dtype=jnp.int32), rating.shape)
     place = (row * config.places + jnp.arange(config.places)[:, None]).reshape(-1)
     rating, row = rating.reshape(-1), row.reshape(-1) // config.grids
