@@ -2,23 +2,21 @@
 
 from collections.abc import Sequence
 from functools import cache
-from typing import Any
 
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Int
 
 from aprjax.calls import in_calls, rows_of, size_of_calls
-from aprjax.configuration import check_kind, check_single
+from aprjax.configuration import Packed, check_kind
 from aprjax.describing import describe_chunk
 from aprjax.features import Features
 from aprjax.matcher import MatchConfig, match_described
 from aprjax.numerics import bucket
-from aprjax.packing import pack, unpack
 from aprjax.programs import Program
 from aprjax.references import ReferenceIndex, ReferenceSet, check_references, checked_ids
-from aprjax.result import MatchResult, result_shapes
+from aprjax.result import MatchResult, result_packing
 from aprjax.scan import Scan, as_stack
 
 
@@ -34,9 +32,9 @@ def match(
     `match_batch` without the leading axis.
     """
     ids = checked_ids("exclude", exclude)
-    config = checked_config(config)
-    words = _matched([scan], references, config, ids[None])
-    return unpack(words[0], result_shapes(config.hypotheses))
+    config, rules = checked_config(config)
+    words = _matched([scan], references, config.chunk, rules, ids[None])
+    return result_packing(config.hypotheses).unpack(words[0])
 
 
 def match_batch(
@@ -59,23 +57,23 @@ def match_batch(
     references, and naming what is no scan, no id, no `ReferenceSet` or no `MatchConfig`; a scan in
     which nothing can be found is no error but a status.
     """
-    config = checked_config(config)
-    words = _matched(scans, references, config, exclude)
-    return unpack(words, result_shapes(config.hypotheses))
+    config, rules = checked_config(config)
+    words = _matched(scans, references, config.chunk, rules, exclude)
+    return result_packing(config.hypotheses).unpack(words)
 
 
 def _matched(
     scans: Sequence[Scan] | Scan,
     references: ReferenceSet,
-    config: MatchConfig,
+    chunk: int,
+    rules: Packed[MatchConfig],
     exclude: np.ndarray | None,
 ) -> np.ndarray:
-    """`MatchResult`s of all scans as `pack` leaves them `(queries, words)`."""
+    """`MatchResult`s of all scans as `Packing.pack` leaves them `(queries, words)`."""
     check_references(references, ReferenceSet)
     batch, excluded = checked_queries(scans, exclude)
     queries = len(excluded)
-    chunk = size_of_calls(queries, config.chunk)
-    thresholds, rules = flat_thresholds(config)
+    chunk = size_of_calls(queries, chunk)
     together = jax.default_backend() != "cpu"
 
     def work(start: int) -> np.ndarray:
@@ -85,11 +83,10 @@ def _matched(
         # On an instance, Equinox would first make a module of the method.
         scans = Scan.pad_batch(rows_of(batch, rows), chunk)
         found = _match_program(
-            describe_chunk(scans, references.index.config),
+            describe_chunk(scans, references.index.described_by),
             np.pad(ids, [(0, missing), (0, 0)], constant_values=-1) if missing else ids,
             references.index,
-            thresholds,
-            rules=rules,
+            rules,
             together=together,
         )
         return np.asarray(found.words)[: len(ids)]
@@ -111,44 +108,26 @@ def checked_queries(
     return batch, excluded
 
 
-def checked_config(config: MatchConfig | None) -> MatchConfig:
-    """The configuration or the defaults.
+def checked_config(config: MatchConfig | None) -> tuple[MatchConfig, Packed[MatchConfig]]:
+    """The configuration or the defaults, as it is and as programs are given it.
 
-    Raises `ValueError` for one of another kind, and naming a threshold that is several numbers.
+    Raises `ValueError` for one of another kind, and as `Packed.of`.
     """
     if config is None:
         return _defaults()
     check_kind("config", config, MatchConfig)
-    check_single(config)
-    return config
+    return config, Packed.of(config)
 
 
 @cache
-def _defaults() -> MatchConfig:
-    """Made once: that takes a tenth of what the host does for a single query."""
-    return MatchConfig()
-
-
-def flat_thresholds(config: MatchConfig) -> tuple[np.ndarray, Any]:
-    """All thresholds in one array, which goes to the device at once, and their structure."""
-    return _default_thresholds() if config is _defaults() else _flat(config)
-
-
-@cache
-def _default_thresholds() -> tuple[np.ndarray, Any]:
-    """Made once: that takes as long again as the defaults do."""
-    thresholds, rules = _flat(_defaults())
-    thresholds.setflags(write=False)
-    return thresholds, rules
-
-
-def _flat(config: MatchConfig) -> tuple[np.ndarray, Any]:
-    thresholds, rules = jax.tree.flatten(config)
-    return np.array(thresholds, np.float32), rules
+def _defaults() -> tuple[MatchConfig, Packed[MatchConfig]]:
+    """Made once: that takes a fifth of what the host does for a single query."""
+    config = MatchConfig()
+    return config, Packed.of(config)
 
 
 class _Words(eqx.Module):
-    """`MatchResult`s as `pack` leaves them; a `Program` returns a module."""
+    """`MatchResult`s as `Packing.pack` leaves them; a `Program` returns a module."""
 
     words: Int[Array, "chunk words"]
 
@@ -157,17 +136,16 @@ def _match_chunk(
     queries: Features,
     excluded: Int[Array, "chunk any"],
     references: ReferenceIndex,
-    thresholds: Float[Array, " thresholds"],
-    rules: Any,
+    rules: Packed[MatchConfig],
     together: bool,
 ) -> _Words:
     """As many queries as bound the memory, aligned and evaluated `together` or one by one.
 
     On a CPU they follow each other: what one query needs then stays in the cache.
     """
-    config = jax.tree.unflatten(rules, list(thresholds))
+    config = rules.config
     found = match_described(queries, excluded, references, config, together)
-    return _Words(pack(found, result_shapes(config.hypotheses)))
+    return _Words(result_packing(config.hypotheses).pack(found))
 
 
-_match_program = Program(_match_chunk, _Words, static=("rules", "together"))
+_match_program = Program(_match_chunk, _Words, static=("together",))

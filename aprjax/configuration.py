@@ -7,12 +7,13 @@ retraces and a sweep is a `vmap`; capacities set array sizes and are static.
 import dataclasses
 import operator
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, Generic, Self, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 _Config = TypeVar("_Config", bound=eqx.Module)
 
@@ -77,21 +78,43 @@ def capacity(default: int | None, doc: str, *, least: int = 1) -> Any:
     return field
 
 
+class Packed(eqx.Module, Generic[_Config]):
+    """A configuration with all its thresholds in one array, as programs are given it.
+
+    Each array takes a way of its own to the device, and through the host at each call.
+    """
+
+    thresholds: Float[Array, " thresholds"]
+    _structure: Any = eqx.field(static=True)
+
+    @classmethod
+    def of(cls, config: _Config) -> Self:
+        """Raises `ValueError` naming a threshold that is several numbers, as for a sweep."""
+        thresholds, structure = jax.tree.flatten(config)
+        if any(map(np.ndim, thresholds)):
+            check_single(config)
+        return cls(np.array(thresholds, np.float32), structure)  # pyright: ignore[reportArgumentType]
+
+    @property
+    def config(self) -> _Config:
+        """The configuration, in a program."""
+        return jax.tree.unflatten(self._structure, list(self.thresholds))
+
+
 def check_kind(name: str, value: Any, kind: type) -> None:
     """Raise `ValueError` naming an argument that is of another kind."""
     if not isinstance(value, kind):
         raise ValueError(f"{name}: {type(value).__name__} is no {kind.__name__}")
 
 
-def check_single(config: eqx.Module, name: str = "config") -> None:
+def check_single(config: eqx.Module) -> None:
     """Raise `ValueError` naming a threshold that is several numbers, as for a sweep."""
-    if any(map(np.ndim, jax.tree.leaves(config))):
-        for path, leaf in jax.tree_util.tree_leaves_with_path(config):
-            if np.ndim(leaf):
-                raise ValueError(
-                    f"{name}{jax.tree_util.keystr(path)}: shape {np.shape(leaf)} is not a single "
-                    "number; aprjax.sweep takes several"
-                )
+    for path, leaf in jax.tree_util.tree_leaves_with_path(config):
+        if np.ndim(leaf):
+            raise ValueError(
+                f"config{jax.tree_util.keystr(path)}: shape {np.shape(leaf)} is not a single "
+                "number; aprjax.sweep takes several"
+            )
 
 
 def _field(

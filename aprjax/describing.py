@@ -4,13 +4,14 @@ import jax
 import numpy as np
 
 from aprjax.calls import in_calls, rows_of, size_of_calls
+from aprjax.configuration import Packed
 from aprjax.features import FeatureConfig, Features, describe
 from aprjax.programs import Program
 from aprjax.scan import Scan
 
 
-def _describe_chunk(scans: Scan, config: FeatureConfig) -> Features:
-    return jax.vmap(describe, (0, None))(scans, config)
+def _describe_chunk(scans: Scan, by: Packed[FeatureConfig]) -> Features:
+    return jax.vmap(describe, (0, None))(scans, by.config)
 
 
 describe_chunk = Program(_describe_chunk, Features)
@@ -23,13 +24,13 @@ def described(scans: Scan, config: FeatureConfig) -> Features:
     Put together by NumPy: eager jax operations would compile for every number of scans.
     """
     count = scans.ranges.shape[0]
-    size = size_of_calls(count)
+    size, by = size_of_calls(count), Packed.of(config)
 
     def work(start: int) -> Features:
         rows = slice(start, start + size)
         # On an instance, Equinox would first make a module of the method.
         chunk = Scan.pad_batch(rows_of(scans, rows), size)
-        return jax.device_get(describe_chunk(chunk, config))
+        return jax.device_get(describe_chunk(chunk, by))
 
     chunks = in_calls(work, max(count, 1), size)
     return jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *chunks)

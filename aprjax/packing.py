@@ -1,45 +1,63 @@
 """Many arrays as one: each that leaves a device makes its own way to the host."""
 
 import math
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
+_Tree = TypeVar("_Tree")
 
-def pack(tree: Any, like: Any) -> Int[Array, "rows words"]:
-    """Arrays `(rows, ...)` of 32 bits, or of truth values, side by side and bit by bit.
 
-    `like` is what `unpack` will take them for: the same tree, of one row, as
-    `jax.ShapeDtypeStruct`. Raises `TypeError`, when traced, if the arrays are not that.
+class Packing(Generic[_Tree]):
+    """How trees of one kind lie in rows of words of 32 bits, bit by bit.
+
+    `like` is such a tree, of one row, of `jax.ShapeDtypeStruct`: numbers of 32 bits, and truth
+    values.
     """
-    given = jax.tree.map(lambda array: jax.ShapeDtypeStruct(array.shape[1:], array.dtype), tree)
-    if jax.tree.flatten(given) != jax.tree.flatten(like):
-        raise TypeError(f"{given} are not packed as {like}")
 
-    def bits(array: Array) -> Array:
-        if array.dtype == bool:
-            array = array.astype(jnp.int32)
-        number = jax.lax.bitcast_convert_type(array, jnp.int32)
-        return number.reshape(array.shape[0], math.prod(array.shape[1:]))
+    def __init__(self, like: _Tree) -> None:
+        self._like = like
+        self._leaves, self._structure = jax.tree.flatten(like)
+        fields = [
+            (str(number), np.int32 if leaf.dtype == bool else leaf.dtype, leaf.shape)
+            for number, leaf in enumerate(self._leaves)
+        ]
+        self._row = np.dtype(fields)
+        self.words = self._row.itemsize // 4
+        """Of a row."""
 
-    return jnp.concatenate([bits(leaf) for leaf in jax.tree.leaves(tree)], axis=1)
+    def pack(self, tree: _Tree) -> Int[Array, "rows words"]:
+        """Arrays `(rows, ...)` side by side.
 
+        Raises `TypeError`, when traced, if they are not of that kind.
+        """
+        given = jax.tree.map(lambda array: jax.ShapeDtypeStruct(array.shape[1:], array.dtype), tree)
+        if jax.tree.flatten(given) != (self._leaves, self._structure):
+            raise TypeError(f"{given} are not packed as {self._like}")
 
-def unpack(words: Int[np.ndarray, "*rows words"], like: Any) -> Any:
-    """The arrays of which `pack` made `words`, on the host, one by one.
+        def bits(array: Array) -> Array:
+            if array.dtype == bool:
+                array = array.astype(jnp.int32)
+            number = jax.lax.bitcast_convert_type(array, jnp.int32)
+            return number.reshape(array.shape[0], math.prod(array.shape[1:]))
 
-    Those of a single row may come without its axis.
-    """
-    leaves, structure = jax.tree.flatten(like)
-    views = {np.dtype(kind): words.view(kind) for kind in (np.int32, np.float32)}
-    found, start = [], 0
-    for leaf in leaves:
-        stop, truth = start + math.prod(leaf.shape), leaf.dtype == bool
-        part = views[np.dtype(np.int32) if truth else leaf.dtype][..., start:stop]
-        part = np.ascontiguousarray(part).reshape((*words.shape[:-1], *leaf.shape))[()]
-        found.append(part != 0 if truth else part)
-        start = stop
-    return jax.tree.unflatten(structure, found)
+        return jnp.concatenate([bits(leaf) for leaf in jax.tree.leaves(tree)], axis=1)
+
+    def unpack(self, words: Int[np.ndarray, "*rows words"]) -> _Tree:
+        """The arrays of which `pack` made `words`, on the host, one by one.
+
+        Those of a single row may come without its axis.
+        """
+        rows = words.view(self._row)[..., 0]
+
+        def found(field: str, truth: bool) -> Any:
+            part = rows[field]
+            return (part != 0 if truth else part.copy())[()]
+
+        return jax.tree.unflatten(
+            self._structure,
+            [found(str(k), leaf.dtype == bool) for k, leaf in enumerate(self._leaves)],
+        )

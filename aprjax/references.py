@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Int
 
 from aprjax.calls import rows_of
-from aprjax.configuration import check_kind, check_single, shown
+from aprjax.configuration import Packed, check_kind, check_single, shown
 from aprjax.describing import described
 from aprjax.evaluation.distinctiveness import Placement
 from aprjax.features import FeatureConfig, Features
@@ -32,7 +32,12 @@ class ReferenceIndex(eqx.Module):
     ids: Int[Array, " rows"]
     """Ascending; -1 in the padding at the end."""
     placement: Placement
-    config: FeatureConfig
+    described_by: Packed[FeatureConfig]
+
+    @property
+    def config(self) -> FeatureConfig:
+        """How scans are described, in a program."""
+        return self.described_by.config
 
     @property
     def valid(self) -> Bool[Array, " rows"]:
@@ -61,6 +66,8 @@ class ReferenceSet:
     T_world_ref: np.ndarray
     """`(references, 3)`: poses in one frame of the user's, in metres and radians; NaN where not
     known."""
+    config: FeatureConfig
+    """How scans are described."""
     index: ReferenceIndex
 
     @classmethod
@@ -145,7 +152,7 @@ class ReferenceSet:
     ) -> Self:
         """The set of scans whose features are known, on the host."""
         index = index_of(features, ids, T_world_ref - middle(T_world_ref), config)
-        return cls(scans, ids, next_id, T_world_ref, jax.device_put(index))
+        return cls(scans, ids, next_id, T_world_ref, config, jax.device_put(index))
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -160,12 +167,12 @@ class ReferenceSet:
         count = new.ranges.shape[0]
         both = joined(there, new)
         if there.ranges.shape == self.scans.ranges.shape:
-            features = joined(self._features(), described(new, self.index.config))
+            features = joined(self._features(), described(new, self.config))
         else:  # views are as wide as the scans
-            features = described(both, self.index.config)
+            features = described(both, self.config)
         ids = np.r_[self.ids, next_ids(self.next_id, count)]
         poses = np.concatenate([self.T_world_ref, checked_poses(T_world_ref, count)])
-        return self._of(both, ids, self.next_id + count, poses, features, self.index.config)
+        return self._of(both, ids, self.next_id + count, poses, features, self.config)
 
     def remove(self, ids: Iterable[int]) -> Self:
         """The set without the references of these ids; the others keep theirs.
@@ -179,7 +186,7 @@ class ReferenceSet:
             self.next_id,
             self.T_world_ref[keep],
             rows_of(self._features(), keep),
-            self.index.config,
+            self.config,
         )
 
     def _features(self) -> Features:
@@ -319,4 +326,4 @@ def index_of(
     poses = np.where(known[:, None], T_world_ref, 0.0).astype(np.float32)
     placement = Placement(pad(poses), pad(known))
     edges = EdgeTable.build(padded.graph)
-    return ReferenceIndex(padded, edges, pad(ids, fill=-1), placement, config)
+    return ReferenceIndex(padded, edges, pad(ids, fill=-1), placement, Packed.of(config))

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.features import Features
+from aprjax.packing import Packing
 from aprjax.shortlist import Shortlist
 
 
@@ -72,8 +73,8 @@ class MatchResult(eqx.Module):
 
 
 @cache
-def result_shapes(hypotheses: int) -> MatchResult:
-    """Shapes and types of the result of one query."""
+def result_packing(hypotheses: int) -> Packing[MatchResult]:
+    """How results of so many hypotheses come to the host."""
 
     def numbers(*shape: int) -> Any:
         return jax.ShapeDtypeStruct(shape, jnp.float32)
@@ -84,7 +85,7 @@ def result_shapes(hypotheses: int) -> MatchResult:
     def truths(*shape: int) -> Any:
         return jax.ShapeDtypeStruct(shape, jnp.bool_)
 
-    return MatchResult(
+    one = MatchResult(
         reference=counts(hypotheses),
         T_ref_query=numbers(hypotheses, 3),
         covariance=numbers(hypotheses, 3, 3),
@@ -98,3 +99,4 @@ def result_shapes(hypotheses: int) -> MatchResult:
         counts=Counts(*(counts() for _ in fields(Counts))),
         status=counts(),
     )
+    return Packing(one)

@@ -9,10 +9,12 @@ import numpy as np
 
 import aprjax
 from aprjax.calls import CHUNK
+from aprjax.configuration import Packed
 from aprjax.describing import describe_chunk
 from aprjax.metrics import deviations
 from aprjax.sweeping.axes import thresholds
 from aprjax.tracking.belief import Situation
+from aprjax.world.parts import Appearance, Place
 from benchmarks import correlative, fresh, numpy_extraction, numpy_pipeline
 from benchmarks.inputs import end_points, some, split, true_pairs
 from benchmarks.timing import timed
@@ -28,6 +30,7 @@ SWEPT = {
 MOST_RUNS = 20  # that a sweep of 64 configurations may cost
 CALLS = 1000  # of single queries
 FEW = 30  # references, as many as the paper has
+MAPPED = 10_000  # references of a large map
 
 PAIR = "µs per scan and reference"
 ROUGH, ACCURATE = (0.5, np.radians(10)), (0.2, np.radians(5))  # metres and radians off the truth
@@ -69,8 +72,8 @@ def tracking(quick: bool) -> Samples:
 def extraction(quick: bool) -> Samples:
     """Everything that is computed of a scan by itself."""
     scans = some(split(INTEL).queries, slice(CHUNK))
-    config = aprjax.FeatureConfig()
-    seconds = timed(lambda _: describe_chunk(scans, config), 20 if quick else 100)
+    by = Packed.of(aprjax.FeatureConfig())
+    seconds = timed(lambda _: describe_chunk(scans, by), 20 if quick else 100)
     return Samples(1e6 * seconds / CHUNK)
 
 
@@ -82,6 +85,20 @@ def building(quick: bool) -> Samples:
         return aprjax.ReferenceSet.build(scans).index.features.view.xy
 
     return Samples(1e6 * timed(build, 3 if quick else 15) / len(scans.ranges))
+
+
+def loading(quick: bool) -> Samples:
+    """A map of many references from its file."""
+    scans, count = split(INTEL).references, MAPPED // 10 if quick else MAPPED
+    world = aprjax.WorldModel()
+    world.add_node(0)
+    taken = [some(scans, row % len(scans.ranges)) for row in range(count)]
+    world.add_references(taken, [Appearance(Place(0, np.zeros(3)), 0)] * count)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "map"
+        aprjax.save_map(world, path)
+        seconds = timed(lambda _: aprjax.load_map(path), 2 if quick else 5, warm_up=1)
+    return Samples(seconds, f"{count} references")
 
 
 def importing(quick: bool) -> Samples:
@@ -185,6 +202,7 @@ WORKLOADS = (
     ),
     Workload("extraction", f"features of {CHUNK} scans", "µs per scan", median(0.15), extraction),
     Workload("references", "building a reference set", "µs per scan", median(0.2), building),
+    Workload("map.load", "loading a map of many references", "s", median(0.25), loading),
     Workload("import", "import aprjax after import jax", "s", median(0.25), importing),
     *(
         Workload(

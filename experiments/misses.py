@@ -92,7 +92,7 @@ def losses(
     config = aprjax.MatchConfig() if config is None else config
     if not config.cascade:
         raise ValueError("config: without the cascade there are no votes and no looks")
-    described = aprjax.ReferenceSet.build(queries, references.index.config).index.features
+    described = aprjax.ReferenceSet.build(queries, references.config).index.features
     slots = described.view.beams.shape[0]
     T_ref_query = relative(T_world_ref[None], T_world_query[:, None])
     rows = references.index.ids.shape[0]

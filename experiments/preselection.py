@@ -105,7 +105,7 @@ def measured(split: Split, sizes: tuple[int, ...]) -> list[dict]:
     references = aprjax.ReferenceSet.build(split.references)
     scans = jax.tree.map(lambda array: np.asarray(array)[split.mapped], split.queries)
     index, count = references.index, len(references)
-    queries = aprjax.ReferenceSet.build(scans, index.config).index.features
+    queries = aprjax.ReferenceSet.build(scans, references.config).index.features
     right = is_near(split.T_world_ref[None], split.T_world_query[split.mapped][:, None])
     of_scans = jax.device_get(_of_scans(queries, index))
     k_m = np.asarray(index.features.histogram.edges)[:count]

@@ -10,10 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from aprjax.batch import checked_config, checked_queries, flat_thresholds
+from aprjax.batch import checked_config, checked_queries
 from aprjax.calls import rows_of
 from aprjax.catalogue.catalogue import BLOCK, Catalogue
-from aprjax.configuration import check_kind
+from aprjax.configuration import Packed, check_kind
 from aprjax.evaluation.distinctiveness import Placement
 from aprjax.features import FeatureConfig, describe
 from aprjax.matcher import MatchConfig, match_one
@@ -95,7 +95,7 @@ def match_catalogue(
     ids in the catalogue. Memory beyond the catalogue does not grow with it, nor with the number of
     scans beyond a few hundred.
     """
-    config = checked_config(config)
+    config, rules = checked_config(config)
     check_kind("catalogue", catalogue, Catalogue)
     if len(catalogue) == 0:
         raise ValueError("catalogue: it is empty")
@@ -105,7 +105,7 @@ def match_catalogue(
     queries = len(excluded)
     chunk = min(config.chunk, _CHUNK, 1 << (queries - 1).bit_length())
     likely = min(likely, bucket(len(catalogue)))
-    thresholds, rules = flat_thresholds(config)
+    by = Packed.of(catalogue.config)
     on_cpu = jax.default_backend() == "cpu"
     alike = np.concatenate(
         [
@@ -127,9 +127,8 @@ def match_catalogue(
             return _match_program(
                 here.pad_batch(chunk),
                 *(_padded(tree, missing) for tree in (excluded[rows], known, ids)),
-                catalogue.config,
-                thresholds,
-                rules=rules,
+                by,
+                rules,
                 together=not on_cpu,
             )
 
@@ -151,20 +150,19 @@ def _match_chunk(
     excluded: Int[Array, "chunk any"],
     likely: Scan,
     ids: Int[Array, "chunk rows"],
-    features: FeatureConfig,
-    thresholds: Float[Array, " thresholds"],
-    rules: Any,
+    described_by: Packed[FeatureConfig],
+    rules: Packed[MatchConfig],
     together: bool,
 ) -> MatchResult:
     """Queries, each with scans `(chunk, rows)` and ids of its own; -1 for none."""
-    config = jax.tree.unflatten(rules, list(thresholds))
+    features, config = described_by.config, rules.config
 
     def one(of: tuple[Scan, Array, Scan, Array]) -> MatchResult:
         scan, excluded, likely, ids = of
         query = describe(scan, features)
         known = jax.vmap(describe, (0, None))(likely, features)
         nowhere = Placement(jnp.zeros((*ids.shape, 3)), jnp.zeros(ids.shape, bool))
-        references = ReferenceIndex(known, EdgeTable.of(known.graph), ids, nowhere, features)
+        references = ReferenceIndex(known, EdgeTable.of(known.graph), ids, nowhere, described_by)
         histogram = jax.tree.map(lambda array: array[None], query.histogram)
         q_m = preselection_quality(histogram, known.histogram, features.relation)[0]
         return match_one(query, q_m, excluded, references, config)
@@ -173,4 +171,4 @@ def _match_chunk(
     return each(scans, excluded, likely, ids)
 
 
-_match_program = Program(_match_chunk, MatchResult, static=("rules", "together"))
+_match_program = Program(_match_chunk, MatchResult, static=("together",))

@@ -178,8 +178,7 @@ def _extract(scans: Scan, config: ExtractionConfig) -> Anchors:
 
 def _reference_facts(path: Path) -> dict[str, Any]:
     references = open_references(path)
-    index = references.index
-    anchors = np.asarray(index.features.anchors.valid)[: len(references)]
+    anchors = np.asarray(references.index.features.anchors.valid)[: len(references)]
     return {
         "kind": "reference file",
         "version": VERSION,
@@ -187,7 +186,7 @@ def _reference_facts(path: Path) -> dict[str, Any]:
         "next_id": references.next_id,
         "beams": _span([int(beams) for beams in references.scans.beams]),
         "anchors_per_scan": round(float(anchors.sum(axis=1).mean()), 2),
-        "anchor_capacity": index.config.extraction.anchors,
+        "anchor_capacity": references.config.extraction.anchors,
     }
 
 

@@ -51,7 +51,7 @@ def gather_references(
         return _references_of_grid(path, config)
     if holds_references(path):
         references = open_references(path)
-        capacity = references.index.config.extraction.anchors
+        capacity = references.config.extraction.anchors
         if anchors not in (None, capacity):
             raise CommandError(f"{path}: was saved with {capacity} anchors, not {anchors}")
         return references

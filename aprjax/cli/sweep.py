@@ -113,7 +113,7 @@ def run(arguments: argparse.Namespace) -> None:
     mapped = _mapped(arguments.mapped, T_world_ref, T_world_query)
     # Only best answers are scored.
     config = MatchConfig(cascade=not arguments.no_cascade, hypotheses=1)
-    features = references.index.config
+    features = references.config
     at_a_time = CONFIGURATIONS, QUERIES
     run_id = fingerprint(queries, references.scans, references.index, config, axes, at_a_time)
     pieces, done = Pieces(out / "pieces", run_id), []

@@ -98,7 +98,7 @@ def _answer(told: Account, config: MatchConfig) -> str:
 
 def _scan_pictures(told: Account, scan: Scan, references: ReferenceSet) -> list[str]:
     anchors, graph = told.query.anchors, told.query.graph
-    drawn = draw_scan(scan, references.index.config.extraction.segment)
+    drawn = draw_scan(scan, references.config.extraction.segment)
     drawn += draw_anchors(anchors, ax=figure_of(drawn).axes[0])
     return [
         picture(drawn, "The scan with its anchor points."),
@@ -173,7 +173,7 @@ def _alignment(told: Account, references: ReferenceSet, config: MatchConfig) -> 
     row = int(np.flatnonzero(references.ids == best)[0])
     reference = jax.tree.map(lambda array: array[row], references.index.features.graph)
     query, alignment = told.query.graph, config.alignment
-    relation, angle = references.index.config.relation, float(told.result.T_ref_query[0, 2])
+    relation, angle = references.config.relation, float(told.result.T_ref_query[0, 2])
     pictures = [
         picture(
             draw_matching_angles(reference, query, relation, alignment.rotation),
@@ -256,7 +256,7 @@ def _overlay(
 ) -> str:
     row = int(np.flatnonzero(references.ids == reference)[0])
     theirs = jax.tree.map(lambda array: np.asarray(array)[row], references.scans)
-    drawn = draw_match(theirs, scan, T_ref_query, quality, references.index.config)
+    drawn = draw_match(theirs, scan, T_ref_query, quality, references.config)
     return picture(drawn, caption)
 
 

@@ -118,7 +118,7 @@ def account(
     """Match one scan, and tell what became of every reference. Raises as `match` does."""
     result = match(scan, references, config, exclude=exclude)
     # As a set of one, so that what was compiled for building sets serves here too.
-    described = ReferenceSet.build([scan], references.index.config).index.features
+    described = ReferenceSet.build([scan], references.config).index.features
     query = jax.tree.map(lambda array: array[0], described)
     excluded = np.asarray(list(exclude) or [-1], np.int32)
     with single_precision():

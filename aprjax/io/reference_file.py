@@ -42,7 +42,7 @@ def save_references(references: ReferenceSet, path: str | os.PathLike[str]) -> N
     """
     if len(references) == 0:
         raise ValueError("references: the set is empty")
-    scans, features = references.scans, json.dumps(to_dict(references.index.config))
+    scans, features = references.scans, json.dumps(to_dict(references.config))
     check_size(*np.shape(scans.ranges))
     read_features(features)
     arrays: dict[str, Any] = {

@@ -13,8 +13,9 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Bool, Float, Int
 
 from aprjax.alignment.voting import Votes, VotingConfig, vote
-from aprjax.batch import checked_config, checked_queries, flat_thresholds
+from aprjax.batch import checked_config, checked_queries
 from aprjax.calls import rows_of
+from aprjax.configuration import Packed
 from aprjax.features import Features, describe
 from aprjax.matcher import MatchConfig, answer, evaluate, preselected, rank
 from aprjax.numerics import single_precision
@@ -43,7 +44,7 @@ def match_sharded(
     references on a device, of queries and of ids to exclude. Raises `ValueError` also for a
     configuration without the cascade.
     """
-    config = checked_config(config)
+    config, rules = checked_config(config)
     check_references(references, ShardedReferences)
     if not config.cascade:
         raise ValueError("cascade: references on several devices are matched by the cascade only")
@@ -51,7 +52,6 @@ def match_sharded(
     queries, devices = len(excluded), references.mesh.size
     chunk = min(config.chunk, 1 << (queries - 1).bit_length())
     chunk = -(-chunk // devices) * devices
-    thresholds, rules = flat_thresholds(config)
 
     def work(start: int) -> MatchResult:
         rows = slice(start, start + chunk)
@@ -60,7 +60,6 @@ def match_sharded(
             rows_of(batch, rows).pad_batch(chunk),
             np.pad(ids, [(0, chunk - len(ids)), (0, 0)], constant_values=-1),
             references.index,
-            thresholds,
             rules,
             references.mesh,
             together=references.mesh.devices.flat[0].platform != "cpu",
@@ -76,7 +75,7 @@ def _program() -> Callable[..., MatchResult]:
     """`_match_chunk`, jitted for the devices."""
     return jax.jit(
         _match_chunk,
-        static_argnames=("rules", "mesh", "together"),
+        static_argnames=("mesh", "together"),
         compiler_options=compiler_options(),
     )
 
@@ -85,8 +84,7 @@ def _match_chunk(
     scans: Scan,
     excluded: Int[Array, "chunk any"],
     index: ReferenceIndex,
-    thresholds: Float[Array, " thresholds"],
-    rules: Any,
+    rules: Packed[MatchConfig],
     mesh: Mesh,
     together: bool,
 ) -> MatchResult:
@@ -94,11 +92,10 @@ def _match_chunk(
     (axis,) = mesh.axis_names
 
     def on_a_device(
-        scans: Scan, excluded: Array, index: ReferenceIndex, thresholds: Array
+        scans: Scan, excluded: Array, index: ReferenceIndex, rules: Packed[MatchConfig]
     ) -> MatchResult:
-        config = jax.tree.unflatten(rules, list(thresholds))
         mine = jax.tree.map(lambda array: array[0], index)
-        return _Device(mine, axis, mesh.size, together).match(scans, excluded, config)
+        return _Device(mine, axis, mesh.size, together).match(scans, excluded, rules.config)
 
     everywhere, spread = PartitionSpec(), PartitionSpec(axis)
     results = jax.shard_map(
@@ -107,7 +104,7 @@ def _match_chunk(
         in_specs=(everywhere, everywhere, spread, everywhere),
         out_specs=spread,
         check_vma=False,
-    )(scans, excluded, index, thresholds)
+    )(scans, excluded, index, rules)
     return jax.lax.with_sharding_constraint(results, NamedSharding(mesh, everywhere))
 
 
@@ -277,11 +274,11 @@ class _Device:
         features, ids, placement = fetch(
             jax.tree.map(lambda array: array[own], (features, known.ids, known.placement))
         )
-        edges, config = jax.tree.map(
+        edges, described_by = jax.tree.map(
             lambda array: jnp.broadcast_to(array, (share, *array.shape)),
-            (jax.tree.map(lambda array: array[..., :0], known.edges), known.config),
+            (jax.tree.map(lambda array: array[..., :0], known.edges), known.described_by),
         )
-        near = ReferenceIndex(features, edges, ids, placement, config)
+        near = ReferenceIndex(features, edges, ids, placement, described_by)
         return near, fetch(jnp.take_along_axis(q_m, own, axis=1))
 
 

@@ -149,7 +149,7 @@ def sweep_grid(
     for number, values in enumerate(choices):
         here = np.flatnonzero(choice == number)
         names = [name.removeprefix(FEATURES) for name in described]
-        features = configured(references.index.config, dict(zip(names, values, strict=True)))
+        features = configured(references.config, dict(zip(names, values, strict=True)))
         known = references
         if described:
             known = ReferenceSet.restore(
@@ -225,7 +225,7 @@ def _work(
         columns = None if keep is None else keep.load(name)
         if columns is None:
             if described is None:
-                described = describe_chunk(scans.pad_batch(size), references.config)
+                described = describe_chunk(scans.pad_batch(size), references.described_by)
             padded = np.pad(index, (0, most - len(index)), mode="edge")
             result = jax.device_get(
                 _sweep_program(

@@ -98,5 +98,12 @@ def _is_covariance(matrix: np.ndarray) -> bool:
     if matrix.shape != (3, 3) or not np.all(np.abs(matrix) <= _FARTHEST):
         return False
     slack = 1e-6 * max(1e-6, float(np.trace(matrix)))
-    symmetric = bool(np.all(np.abs(matrix - matrix.T) <= slack))
-    return symmetric and bool(np.linalg.eigvalsh(matrix)[0] >= -slack)
+    if not np.all(np.abs(matrix - matrix.T) <= slack):
+        return False
+    # Elimination finds no negative pivot, where eigenvalues would be told by the library: a tracker
+    # asks some ten times a step.
+    (xx, xy, xt), (_, yy, yt), (_, _, tt) = (matrix + slack * np.eye(3)).tolist()
+    if xx <= 0.0:
+        return False
+    yy, yt, tt = yy - xy * xy / xx, yt - xy * xt / xx, tt - xt * xt / xx
+    return yy > 0.0 and tt - yt * yt / yy > 0.0

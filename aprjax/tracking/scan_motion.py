@@ -10,7 +10,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from aprjax.configuration import threshold
+from aprjax.configuration import Packed, threshold
 from aprjax.evaluation.view import View
 from aprjax.features import FeatureConfig
 from aprjax.plane import wrap
@@ -48,16 +48,17 @@ class ScanMotion:
     ) -> None:
         self.config = ScanMotionConfig() if config is None else config
         self.features = FeatureConfig() if features is None else features
+        self._described_by, self._align = Packed.of(self.features), Packed.of(self.config.align)
         self._last: tuple[Scan, View] | None = None
 
     def step(self, reading: Scan, expected: Step | None) -> Step | None:
         """The aligned motion since the last scan, or None."""
-        last, now = self._last, view_of(reading, self.features)
+        last, now = self._last, view_of(reading, self._described_by)
         self._last = reading, now
         if last is None or expected is None or last[1].xy.shape != now.xy.shape:
             return None
         starts = turned(expected.T_before_now, _TURNS)
-        T, covariance, agreement = align_two(last[1], now, starts, self.config.align)
+        T, covariance, agreement = align_two(last[1], now, starts, self._align)
         covariance = doubted(covariance, agreement, self.config.motion)
         off = T - expected.T_before_now
         off[2] = wrap(off[2])
@@ -74,4 +75,4 @@ class ScanMotion:
     def restore(self, state: dict[str, Any] | None) -> None:
         """Go on from a scan that `state` returned."""
         scan = None if state is None else scan_of_state(state)
-        self._last = None if scan is None else (scan, view_of(scan, self.features))
+        self._last = None if scan is None else (scan, view_of(scan, self._described_by))

@@ -105,7 +105,7 @@ class IdcSource:
         rows, starts = np.zeros(slots, int), np.zeros((slots, 3), np.float32)
         rows[: len(asked)] = np.searchsorted(known.ids, [reference for _, reference, _ in asked])
         starts[: len(asked)] = [start for _, _, start in asked]
-        view = jax.device_get(view_of(scan, known.index.config))
+        view = jax.device_get(view_of(scan, known.index.described_by))
         queries = jax.tree.map(lambda array: np.repeat(array[None], slots, 0), view)
         views = jax.tree.map(lambda array: np.asarray(array)[rows], known.index.features.view)
         return jax.device_get(idc(views, queries, starts, self.config.idc))

@@ -6,6 +6,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from aprjax.configuration import Packed
 from aprjax.evaluation.view import View
 from aprjax.features import FeatureConfig, seen
 from aprjax.numerics import bucket, single_precision
@@ -13,16 +14,16 @@ from aprjax.scan import Scan
 
 
 @single_precision()
-def view_of(scan: Scan, config: FeatureConfig) -> View:
+def view_of(scan: Scan, by: Packed[FeatureConfig]) -> View:
     """The view of one scan, on the device; compiles once for each bucket of beams."""
     slots = max(bucket(int(scan.beams)), int(np.shape(scan.ranges)[-1]))
     # On an instance, Equinox would first make a module of the method.
-    return _view(Scan.pad(scan, slots), config)
+    return _view(Scan.pad(scan, slots), by)
 
 
 @jax.jit
-def _view(scan: Scan, config: FeatureConfig) -> View:
-    return seen(scan, config)
+def _view(scan: Scan, by: Packed[FeatureConfig]) -> View:
+    return seen(scan, by.config)
 
 
 def state_of_scan(scan: Scan) -> dict[str, Any]:

@@ -14,13 +14,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from aprjax.configuration import threshold
+from aprjax.configuration import Packed, threshold
 from aprjax.evaluation.congruence import CongruenceConfig, Verdicts, both_ways
 from aprjax.evaluation.view import View
 from aprjax.numerics import HIGHEST, dot, single_precision, wrap
+from aprjax.packing import Packing
 from aprjax.refine import RefineConfig, estimate, settle
 
 _SLOTS = 64  # pairs of one call
+_PAIR = Packing(tuple(jax.ShapeDtypeStruct(shape, jnp.float32) for shape in ((3,), (3, 3), ())))
+"""How what is found of a pair comes to the host: pose, covariance and agreement."""
 
 
 class AlignConfig(eqx.Module):
@@ -96,14 +99,14 @@ def align_pairs(
 
 
 @single_precision()
-def align_two(first: View, second: View, starts: np.ndarray, config: AlignConfig) -> Aligned:
+def align_two(first: View, second: View, starts: np.ndarray, rules: Packed[AlignConfig]) -> Aligned:
     """One pair of scans, aligned from `starts` `(S, 3)`, of which none counts more than another.
 
     `align_pairs` for one pair at a time: views that are on the device stay there. Compiles once
     for each S and each size of the views. The result has no axis of pairs.
     """
-    found = _align_two(first, second, np.asarray(starts, np.float32), config)
-    return Aligned(*(np.asarray(array, float) for array in jax.device_get(found)))
+    words = np.asarray(_align_two(first, second, np.asarray(starts, np.float32), rules))
+    return Aligned(*(np.asarray(array, float) for array in _PAIR.unpack(words[0])))
 
 
 @jax.jit
@@ -132,11 +135,12 @@ def _align(
 
 @jax.jit
 def _align_two(
-    first: View, second: View, starts: Float[Array, "starts 3"], config: AlignConfig
-) -> tuple[Float[Array, "3"], Float[Array, "3 3"], Float[Array, ""]]:
+    first: View, second: View, starts: Float[Array, "starts 3"], rules: Packed[AlignConfig]
+) -> Int[Array, "1 words"]:
     """One pair by itself, of which nothing is expected."""
     alike, nothing = jnp.ones(len(starts)), (jnp.zeros(3), jnp.zeros((3, 3)))
-    return _align_one(first, second, starts, alike, *nothing, config)
+    found = _align_one(first, second, starts, alike, *nothing, rules.config)
+    return _PAIR.pack(jax.tree.map(lambda array: array[None], found))
 
 
 def _align_one(

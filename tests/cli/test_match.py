@@ -181,7 +181,7 @@ def test_options_arrive_in_the_configuration(logs, command, monkeypatch):
     seen, real = [], aprjax.batch.match_batch
 
     def spy(scans, references, config, **_):
-        seen.append((config, references.index.config))
+        seen.append((config, references.config))
         return real(scans, references)
 
     monkeypatch.setattr(cli_match, "match_batch", spy)

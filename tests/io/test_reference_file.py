@@ -97,7 +97,7 @@ def test_a_file_of_version_1_has_no_poses(references, saved, tmp_path):
 
 def test_the_description_is_kept(references, saved):
     stored = json.loads(str(arrays_of(saved)["features"]))
-    assert stored == to_dict(references.index.config) == to_dict(FeatureConfig())
+    assert stored == to_dict(references.config) == to_dict(FeatureConfig())
 
 
 def test_an_empty_set_is_not_saved(references, tmp_path):
@@ -242,7 +242,7 @@ def test_fields_that_an_older_file_lacks_have_their_defaults(saved, tmp_path):
     arrays = arrays_of(saved) | {"features": np.array('{"extraction": {"apart": 0.5}}')}
     path = tmp_path / "older.npz"
     np.savez(path, **arrays)
-    config = load_references(path).index.config
+    config = load_references(path).config
     assert float(config.extraction.apart) == 0.5
     assert config.extraction.anchors == FeatureConfig().extraction.anchors
 

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from aprjax.configuration import Packed
 from aprjax.features import FeatureConfig
 from aprjax.references import ReferenceSet
 from aprjax.scan import Scan
@@ -227,7 +228,7 @@ def test_other_thresholds_compile_nothing_anew(pairs):
 
 def test_where_a_process_allows_64_bits_poses_are_the_same_to_the_bit(pairs, wide):
     def found():
-        view = view_of(pairs.scans[0], FeatureConfig())
+        view = view_of(pairs.scans[0], Packed.of(FeatureConfig()))
         return view, idc(pairs.references, pairs.queries, pairs.starts(), CONFIG)
 
     narrow = found()

@@ -7,6 +7,7 @@ import jax
 import numpy as np
 import pytest
 
+from aprjax.configuration import Packed
 from aprjax.features import FeatureConfig
 from aprjax.plane import compose, relative
 from aprjax.tracking.hypothesis import Step
@@ -52,5 +53,5 @@ def test_a_restored_source_measures_the_same_step_to_the_bit(drive):
 
 
 def test_views_stay_on_the_device(drive):
-    view = view_of(drive[0][0], FeatureConfig())
+    view = view_of(drive[0][0], Packed.of(FeatureConfig()))
     assert all(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(view))

@@ -4,6 +4,7 @@ import jax
 import numpy as np
 import pytest
 
+from aprjax.configuration import Packed
 from aprjax.features import FeatureConfig
 from aprjax.plane import compose, relative
 from aprjax.tracking.views import view_of
@@ -22,13 +23,13 @@ def drive():
     before = free_pose(world, rng)
     now = compose(before, np.array([0.4, 0.3, 0.2]))
     scans = [scan_at(world, pose, rng=rng) for pose in (before, now)]
-    return [view_of(scan, FeatureConfig()) for scan in scans], relative(before, now)
+    return [view_of(scan, Packed.of(FeatureConfig())) for scan in scans], relative(before, now)
 
 
 def test_one_pair_by_itself_is_aligned_as_among_others(drive):
     views, T_first_second = drive
     start = T_first_second + OFF
-    alone = align_two(*views, turned(start, TURNS), AlignConfig())
+    alone = align_two(*views, turned(start, TURNS), Packed.of(AlignConfig()))
     stacked = jax.tree.map(lambda *pair: np.stack(pair), *views)
     among = align_pairs(
         stacked,
@@ -46,7 +47,7 @@ def test_one_pair_by_itself_is_aligned_as_among_others(drive):
 def test_a_pair_is_aligned_to_centimetres_from_decimetres_off(drive):
     views, T_first_second = drive
     start = T_first_second + OFF
-    found = align_two(*views, turned(start, TURNS), AlignConfig())
+    found = align_two(*views, turned(start, TURNS), Packed.of(AlignConfig()))
     np.testing.assert_allclose(found.T_first_second[:2], T_first_second[:2], atol=0.03)
     assert abs(found.T_first_second[2] - T_first_second[2]) < np.radians(0.5)
     assert found.agreement > 0.3
