@@ -222,7 +222,7 @@ def as_stack(scans: Sequence[Scan] | Scan, of: str = "references") -> Scan:
     if not isinstance(scans, Scan):
         return Scan.stack(scans)
     shape = np.shape(scans.ranges)
-    if len(shape) != 2 or shape[0] == 0:
+    if len(shape) != 2 or 0 in shape:
         raise ValueError(f"scans: ranges of shape {shape} are not ({of}, beams)")
     given = {name: getattr(scans, name) for name in _FIELDS}
     fields = {name: _typed(name, values) for name, values in given.items()}

@@ -1,3 +1,4 @@
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -261,6 +262,10 @@ def test_a_batch_within_a_stack_is_refused_by_its_index():
         ([None], r"scans\[0\]: NoneType is no Scan"),
         (["a", "b"], r"scans\[0\]: str is no Scan"),
         (make([1.0]), r"scans: ranges of shape \(1,\) are not \(references, beams\)"),
+        (
+            eqx.tree_at(lambda s: s.ranges, Scan.stack([make([1.0])]), np.empty((1, 0))),
+            r"scans: ranges of shape \(1, 0\) are not \(references, beams\)",
+        ),
     ],
 )
 def test_what_is_no_list_of_scans_is_refused_by_its_index(scans, message):

@@ -31,7 +31,7 @@ from aprjax.matcher import MatchConfig
 from aprjax.metrics import is_near
 from aprjax.references import ReferenceSet
 from aprjax.scan import Scan
-from aprjax.sweeping.axes import check_names
+from aprjax.sweeping.axes import check_names, check_values
 from aprjax.sweeping.run import CONFIGURATIONS, QUERIES, Piece, sweep_grid
 
 _MOST = 10_000  # configurations
@@ -278,7 +278,12 @@ def _axis(text: str) -> tuple[str, np.ndarray]:
         )
     if (start == stop) != (count == 1):
         raise argparse.ArgumentTypeError(f"{along!r}: one value has START equal to STOP, as 1:1:1")
-    return name, np.linspace(start, stop, count, dtype=np.float32)
+    values = np.linspace(start, stop, count, dtype=np.float32)
+    try:
+        check_values(name, values)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return name, values
 
 
 def _percent(text: str) -> float:

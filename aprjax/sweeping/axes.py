@@ -66,6 +66,12 @@ def check_names(names: Iterable[str]) -> None:
             _check_name(MatchConfig(), name)
 
 
+def check_values(name: str, values: np.ndarray) -> None:
+    """Raise `ValueError` naming the first of `values` `(any,)` that the threshold cannot have."""
+    of = FeatureConfig() if name.startswith(FEATURES) else MatchConfig()
+    configured(of, {name.removeprefix(FEATURES): values})
+
+
 def _check_name(config: eqx.Module, name: str, prefix: str = "") -> None:
     """Raise `ValueError` unless this is the name of a threshold; tell why, or what is like it."""
     known = thresholds(config)

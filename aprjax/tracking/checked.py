@@ -1,9 +1,9 @@
-"""What sources answer, made sure of: whatever they say, the tracker goes on."""
+"""Sources and what they answer, made sure of: whatever they say, the tracker goes on."""
 
 import logging
 import operator
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -14,7 +14,24 @@ from aprjax.world.parts import Place
 
 _log = logging.getLogger(__name__)
 
+_Source = TypeVar("_Source")
+
 _FARTHEST = 1e9  # metres, radians, m²: beyond it no number of a source is believed
+
+
+def checked_sources(name: str, sources: Iterable[_Source], method: str) -> tuple[_Source, ...]:
+    """The sources. Raises `ValueError` naming one without `reads` or without the method."""
+    if not isinstance(sources, Iterable):
+        raise ValueError(f"{name}: {type(sources).__name__} is no list of sources")
+    sources = tuple(sources)
+    for index, source in enumerate(sources):
+        if isinstance(source, type):
+            raise ValueError(f"{name}[{index}]: {source.__name__} is a class, no source of it")
+        if not isinstance(getattr(source, "reads", None), str):
+            raise ValueError(f"{name}[{index}]: {type(source).__name__} does not say what it reads")
+        if not callable(getattr(source, method, None)):
+            raise ValueError(f"{name}[{index}]: {type(source).__name__} has no method {method}")
+    return sources
 
 
 def checked_step(step: Step) -> Step:

@@ -12,10 +12,15 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from aprjax.configuration import threshold
+from aprjax.configuration import check_kind, threshold
 from aprjax.tracking.apr import AprSource
 from aprjax.tracking.belief import Belief
-from aprjax.tracking.checked import checked_estimates, checked_step, checked_verdicts
+from aprjax.tracking.checked import (
+    checked_estimates,
+    checked_sources,
+    checked_step,
+    checked_verdicts,
+)
 from aprjax.tracking.clock import Clock
 from aprjax.tracking.continuity import ScanContinuity
 from aprjax.tracking.evidence import (
@@ -84,13 +89,18 @@ class HypothesisTracker:
         iterative dual correspondence validates.
 
         If `move` is given the scans too, `ScanMotion` makes it better and `ScanContinuity` notices
-        kidnappings. Tracking sources are asked in their order.
+        kidnappings. Tracking sources are asked in their order. Raises `ValueError` for another
+        kind of world, and naming what is no source of its kind.
         """
+        check_kind("world", world, WorldModel)
         self.world = world
         self.config = TrackerConfig() if config is None else config
-        self.primary = (AprSource(),) if primary is None else tuple(primary)
-        self.tracking = motion_sources(world) if tracking is None else tuple(tracking)
-        self.validation = (IdcSource(),) if validation is None else tuple(validation)
+        primary = (AprSource(),) if primary is None else primary
+        tracking = motion_sources(world) if tracking is None else tracking
+        validation = (IdcSource(),) if validation is None else validation
+        self.primary = checked_sources("primary", primary, "locate")
+        self.tracking = checked_sources("tracking", tracking, "step")
+        self.validation = checked_sources("validation", validation, "judge")
         self.belief = Belief()
         self._near = Neighbours(world, float(self.config.reach))
         self._motion = Motion(float(self.config.unmeasured))
@@ -99,6 +109,7 @@ class HypothesisTracker:
         self._clock = Clock(float(self.config.late))
         self._measured: float | None = None  # the stamp of the last motion measured
         self._silent = False  # whether that is long ago
+        self._unread: set[str] = set()  # readings that were said to be nobody's
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
@@ -116,6 +127,7 @@ class HypothesisTracker:
         `readings` are named as the sources' `reads`, such as `odometry` or `gyro`; one that is
         missing is no error. `stamp` is their time in seconds.
         """
+        self._check_read("move", readings, self.tracking)
         readings = self._clock.timely("move", stamp, readings)
         step = self._motion.step(self.tracking, readings, self._measure)
         if step is not None:
@@ -127,6 +139,7 @@ class HypothesisTracker:
 
     def observe(self, stamp: float | None = None, **readings: Any) -> Belief:
         """Confirm, punish, create and validate hypotheses by what the other sources read."""
+        self._check_read("observe", readings, [*self.primary, *self.validation])
         timely = self._clock.timely("observe", stamp, readings)
         if timely or not readings:
             self._drift(stamp)
@@ -192,6 +205,13 @@ class HypothesisTracker:
 
     def _sources(self) -> list[Any]:
         return [*self.primary, *self.tracking, *self.validation]
+
+    def _check_read(self, call: str, readings: Iterable[str], sources: Sequence[Any]) -> None:
+        """Log, once, each kind of reading that none of the sources takes: its name may be wrong."""
+        for name in set(readings).difference(source.reads for source in sources):
+            if f"{call} {name}" not in self._unread:
+                self._unread.add(f"{call} {name}")
+                _log.warning("%s: no source reads %r", call, name)
 
     def _advance(self, step: Step) -> None:
         self._way += travelled(step, self.config.evidence)

@@ -197,10 +197,13 @@ def test_which_queries_count_can_be_told(logs, folder, tmp_path, command):
         "congruence.tolerence=1:2:2",
         "top_k=1:5:5",
         "=1:2:2",
+        "confident=0:2:3",
+        "features.extraction.surface.window=-1:1:3",
     ],
 )
 def test_bad_axes_are_bad_usage(logs, tmp_path, command, axis):
-    status, out, err = command("sweep", *logs, "--out", tmp_path, "--set", axis)
+    status, out, err = command("sweep", *logs, "--out", tmp_path / "out", "--set", axis)
+    assert not (tmp_path / "out").exists()
     assert (status, out) == (2, "")
     assert "error: argument --set: " in err
 

@@ -431,6 +431,41 @@ def test_a_source_that_raises_is_logged_and_the_tracker_goes_on(caplog):
     ]
 
 
+def test_a_reading_that_no_source_takes_is_said_once_and_left_out(caplog):
+    made = sure()
+    before = made.belief
+    with caplog.at_level(logging.WARNING):
+        for _ in range(3):
+            assert made.move(odometri=drive()) is before
+            assert made.observe(step=drive()) is before
+    said = [record.getMessage() for record in caplog.records]
+    assert said == ["move: no source reads 'odometri'", "observe: no source reads 'step'"]
+
+
+class Dumb:
+    def step(self, reading, expected):
+        return None
+
+
+@pytest.mark.parametrize(
+    ("sources", "problem"),
+    [
+        ({"tracking": [Dumb()]}, r"tracking\[0\]: Dumb does not say what it reads"),
+        ({"validation": [Broken(), Told()]}, r"validation\[1\]: Told has no method judge"),
+        ({"primary": [Broken]}, r"primary\[0\]: Broken is a class"),
+        ({"primary": Broken()}, "primary: Broken is no list of sources"),
+    ],
+)
+def test_what_is_no_source_is_refused_by_name(sources, problem):
+    with pytest.raises(ValueError, match=problem):
+        tracker(**sources)
+
+
+def test_a_path_is_no_world_model():
+    with pytest.raises(ValueError, match="world: str is no WorldModel"):
+        HypothesisTracker("office.map")
+
+
 @pytest.mark.parametrize(
     "estimate",
     [
