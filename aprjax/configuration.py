@@ -88,17 +88,27 @@ class Packed(eqx.Module, Generic[_Config]):
     _structure: Any = eqx.field(static=True)
 
     @classmethod
-    def of(cls, config: _Config) -> Self:
-        """Raises `ValueError` naming a threshold that is several numbers, as for a sweep."""
+    def of(cls, config: _Config, name: str = "config") -> Self:
+        """Of a configuration, which an error calls by its `name`. Raises as `check_single`."""
         thresholds, structure = jax.tree.flatten(config)
         if any(map(np.ndim, thresholds)):
-            check_single(config)
+            check_single(config, name)
         return cls(np.array(thresholds, np.float32), structure)  # pyright: ignore[reportArgumentType]
 
     @property
     def config(self) -> _Config:
-        """The configuration, in a program."""
+        """The configuration; only in a program, where its thresholds are arrays."""
         return jax.tree.unflatten(self._structure, list(self.thresholds))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # The copy of a structure would not be equal to it, that of a configuration's is.
+        like = jax.tree.unflatten(self._structure, range(self._structure.num_leaves))
+        return _repacked, (self.thresholds, like)
+
+
+def _repacked(thresholds: Any, like: _Config) -> Packed[_Config]:
+    """For copies: thresholds of a configuration that is like another one but for them."""
+    return Packed(thresholds, jax.tree.structure(like))
 
 
 def check_kind(name: str, value: Any, kind: type) -> None:
@@ -107,12 +117,12 @@ def check_kind(name: str, value: Any, kind: type) -> None:
         raise ValueError(f"{name}: {type(value).__name__} is no {kind.__name__}")
 
 
-def check_single(config: eqx.Module) -> None:
+def check_single(config: eqx.Module, name: str = "config") -> None:
     """Raise `ValueError` naming a threshold that is several numbers, as for a sweep."""
     for path, leaf in jax.tree_util.tree_leaves_with_path(config):
         if np.ndim(leaf):
             raise ValueError(
-                f"config{jax.tree_util.keystr(path)}: shape {np.shape(leaf)} is not a single "
+                f"{name}{jax.tree_util.keystr(path)}: shape {np.shape(leaf)} is not a single "
                 "number; aprjax.sweep takes several"
             )
 

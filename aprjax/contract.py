@@ -47,6 +47,7 @@ own result; in a batch it leaves its neighbours their bits.
 | a stack in which a field has another number of scans | ValueError: angle_min |
 | a stack in which a scan has fewer beams than none, or more than slots | ValueError: beams[1] |
 | a scan in a list with more beams than ranges | ValueError: scans[1] |
+| a stack without slots | ValueError: scans |
 | a stack in which a scan has an angle or limit that no scan has | ValueError: range_min[1] |
 | **Poses and ids** | |
 | a pose farther than 1e8 m from the origin | ValueError: T_world_ref[1] |

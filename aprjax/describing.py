@@ -10,8 +10,8 @@ from aprjax.programs import Program
 from aprjax.scan import Scan
 
 
-def _describe_chunk(scans: Scan, by: Packed[FeatureConfig]) -> Features:
-    return jax.vmap(describe, (0, None))(scans, by.config)
+def _describe_chunk(scans: Scan, described_by: Packed[FeatureConfig]) -> Features:
+    return jax.vmap(describe, (0, None))(scans, described_by.config)
 
 
 describe_chunk = Program(_describe_chunk, Features)
@@ -24,13 +24,13 @@ def described(scans: Scan, config: FeatureConfig) -> Features:
     Put together by NumPy: eager jax operations would compile for every number of scans.
     """
     count = scans.ranges.shape[0]
-    size, by = size_of_calls(count), Packed.of(config)
+    size, described_by = size_of_calls(count), Packed.of(config)
 
     def work(start: int) -> Features:
         rows = slice(start, start + size)
         # On an instance, Equinox would first make a module of the method.
         chunk = Scan.pad_batch(rows_of(scans, rows), size)
-        return jax.device_get(describe_chunk(chunk, by))
+        return jax.device_get(describe_chunk(chunk, described_by))
 
     chunks = in_calls(work, max(count, 1), size)
     return jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *chunks)

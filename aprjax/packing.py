@@ -49,9 +49,12 @@ class Packing(Generic[_Tree]):
     def unpack(self, words: Int[np.ndarray, "*rows words"]) -> _Tree:
         """The arrays of which `pack` made `words`, on the host, one by one.
 
-        Those of a single row may come without its axis.
+        Those of a single row may come without its axis. Raises `ValueError` for rows of another
+        length.
         """
-        rows = words.view(self._row)[..., 0]
+        if words.shape[-1] != self.words:
+            raise ValueError(f"words: rows of {words.shape[-1]} are not of {self.words}")
+        rows = np.ascontiguousarray(words).view(self._row)[..., 0]
 
         def found(field: str, truth: bool) -> Any:
             part = rows[field]

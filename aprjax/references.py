@@ -36,7 +36,7 @@ class ReferenceIndex(eqx.Module):
 
     @property
     def config(self) -> FeatureConfig:
-        """How scans are described, in a program."""
+        """How scans are described; only in a program."""
         return self.described_by.config
 
     @property
@@ -67,7 +67,7 @@ class ReferenceSet:
     """`(references, 3)`: poses in one frame of the user's, in metres and radians; NaN where not
     known."""
     config: FeatureConfig
-    """How scans are described."""
+    """How scans are described; on the host."""
     index: ReferenceIndex
 
     @classmethod

@@ -321,7 +321,7 @@ def _typed(name: str, values: Any) -> Any:
     them by its own rules, or refuse to.
     """
     wanted = _DTYPES[name]
-    if getattr(values, "dtype", None) == wanted:
+    if getattr(values, "dtype", None) == wanted and not isinstance(values, np.ma.MaskedArray):
         return values
     given = _numbers(name, values)
     if wanted == np.float32:

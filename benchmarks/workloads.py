@@ -72,8 +72,8 @@ def tracking(quick: bool) -> Samples:
 def extraction(quick: bool) -> Samples:
     """Everything that is computed of a scan by itself."""
     scans = some(split(INTEL).queries, slice(CHUNK))
-    by = Packed.of(aprjax.FeatureConfig())
-    seconds = timed(lambda _: describe_chunk(scans, by), 20 if quick else 100)
+    described_by = Packed.of(aprjax.FeatureConfig())
+    seconds = timed(lambda _: describe_chunk(scans, described_by), 20 if quick else 100)
     return Samples(1e6 * seconds / CHUNK)
 
 
@@ -89,16 +89,15 @@ def building(quick: bool) -> Samples:
 
 def loading(quick: bool) -> Samples:
     """A map of many references from its file."""
-    scans, count = split(INTEL).references, MAPPED // 10 if quick else MAPPED
-    world = aprjax.WorldModel()
+    scans, world = split(INTEL).references, aprjax.WorldModel()
     world.add_node(0)
-    taken = [some(scans, row % len(scans.ranges)) for row in range(count)]
-    world.add_references(taken, [Appearance(Place(0, np.zeros(3)), 0)] * count)
+    taken = [some(scans, row % len(scans.ranges)) for row in range(MAPPED)]
+    world.add_references(taken, [Appearance(Place(0, np.zeros(3)), 0)] * MAPPED)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "map"
         aprjax.save_map(world, path)
         seconds = timed(lambda _: aprjax.load_map(path), 2 if quick else 5, warm_up=1)
-    return Samples(seconds, f"{count} references")
+    return Samples(seconds, f"{MAPPED} references")
 
 
 def importing(quick: bool) -> Samples:

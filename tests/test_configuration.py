@@ -1,6 +1,8 @@
+import copy
 import dataclasses
 import importlib
 import json
+import pickle
 import pkgutil
 
 import equinox as eqx
@@ -12,7 +14,7 @@ import pytest
 import aprjax
 from aprjax.alignment.align import AlignmentConfig
 from aprjax.anchors.extract import ExtractionConfig
-from aprjax.configuration import from_dict, to_dict
+from aprjax.configuration import Packed, from_dict, to_dict
 from aprjax.features import FeatureConfig
 from aprjax.matcher import MatchConfig
 from aprjax.refine import RefineConfig, SettleConfig
@@ -225,6 +227,28 @@ def test_leaves_that_jax_puts_into_a_configuration_are_not_looked_at():
     assert jnp.isnan(dataclasses.replace(config, gate=jnp.float32(np.nan)).gate)
     swept = jax.vmap(lambda value: RefineConfig(gate=value).gate)(jnp.array([-1.0, np.nan]))
     assert swept[0] == -1.0
+
+
+@pytest.mark.parametrize(
+    "copied", [copy.copy, copy.deepcopy, lambda packed: pickle.loads(pickle.dumps(packed))]
+)
+def test_a_copy_of_a_packed_configuration_is_the_same_to_a_program(copied):
+    @jax.jit
+    def program(packed):
+        traced.append(packed)
+        return packed.config.refine.gate
+
+    traced = []
+    packed = Packed.of(dataclasses.replace(MatchConfig(), refine=RefineConfig(gate=0.3)))
+    for each in (packed, copied(packed), copied(jax.device_put(packed))):
+        assert program(each) == np.float32(0.3)
+    assert len(traced) == 1
+
+
+def test_a_packed_configuration_has_single_numbers_or_is_refused_by_its_name():
+    several = RefineConfig(gate=np.array([0.3, 0.4]))
+    with pytest.raises(ValueError, match=r"^config\.align\.gate: shape \(2,\) is not a single"):
+        Packed.of(several, "config.align")
 
 
 def test_a_dictionary_is_refused_as_the_constructor_refuses():

@@ -279,6 +279,12 @@ def test_every_row_of_the_table_is_so(log, readings, references, status):
         "a scan in a list with more beams than ranges": lambda: refused(
             lambda: match_batch([good, jax.tree.map(lambda a: a[1], counted(193))], references)
         ),
+        "a stack without slots": lambda: refused(
+            lambda: match_batch(
+                eqx.tree_at(lambda s: s.ranges, counted(0), np.empty((2, 0), np.float32)),
+                references,
+            )
+        ),
         "a stack in which a scan has an angle or limit that no scan has": lambda: all_equal(
             refused(lambda: match_batch(limited(name, value), references)).replace(  # noqa: B023
                 name,

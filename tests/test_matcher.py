@@ -1,4 +1,6 @@
+import copy
 import logging
+import pickle
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -624,6 +626,26 @@ def test_a_batch_that_several_processors_share_has_every_query_once_and_in_its_p
     shared = replace(shared, covariance=result.covariance[:5])
     jax.tree.map(
         lambda ours, whole: np.testing.assert_allclose(ours, whole[:5], atol=1e-4), shared, result
+    )
+
+
+@pytest.mark.parametrize(
+    "copied", [copy.deepcopy, lambda references: pickle.loads(pickle.dumps(references))]
+)
+def test_a_copy_of_the_references_answers_the_same_and_compiles_nothing(scene, result, copied):
+    programs = batch._match_program, batch.describe_chunk
+    before = [program.compiled for program in programs]
+    assert_identical(to_numpy(match_batch(scene.queries, copied(scene.references))), result)
+    assert [program.compiled for program in programs] == before
+
+
+def test_queries_worked_on_together_as_on_an_accelerator_find_what_they_find_one_by_one(
+    scene, result, monkeypatch
+):
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    together = to_numpy(match_batch(scene.queries[:5], scene.references))
+    jax.tree.map(
+        lambda ours, alone: np.testing.assert_allclose(ours, alone[:5], atol=1e-4), together, result
     )
 
 

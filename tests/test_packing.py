@@ -47,6 +47,14 @@ def test_a_single_row_may_come_without_its_axis_and_shares_no_memory_with_what_i
         assert np.shape(first[name]) == array.shape[1:], name
 
 
+def test_words_of_another_layout_are_unpacked_and_those_of_another_length_refused():
+    words = np.asarray(PACKING.pack(jax.tree.map(jnp.asarray, TREE)))
+    back = PACKING.unpack(np.asfortranarray(words))
+    jax.tree.map(np.testing.assert_array_equal, back, TREE)
+    with pytest.raises(ValueError, match=f"rows of {2 * PACKING.words} are not of"):
+        PACKING.unpack(np.hstack([words, words]))
+
+
 @pytest.mark.parametrize(
     ("name", "array"),
     [

@@ -184,7 +184,7 @@ def test_answers_by_a_trace_are_those_without_to_the_bit(folder):
     rng, world = np.random.default_rng(0), office(seed=2)
     scans = [scan_at(world, free_pose(world, rng), rng=rng) for _ in range(6)]
     features = Program(describing._describe_chunk, Features)
-    matching = Program(batch._match_chunk, batch._Words, static=("rules", "together"))
+    matching = Program(batch._match_chunk, batch._Words, static=("together",))
     answers = []
     for where in (None, folder):
         keep_traces(where)

@@ -303,6 +303,10 @@ def test_numbers_of_a_stack_that_fit_no_documented_dtype_are_refused_or_say_noth
         one = jax.tree.map(lambda array: array[1], Scan(**fields | {"beams": beams}))
         with pytest.raises(ValueError, match=rf"^scans\[1\]: {count} beams is not from 0 to 64$"):
             as_stack([make([1.0]), one])
+    hidden = np.ma.masked_array(np.array([[1.0], [2.0]], np.float32), mask=[[True], [False]])
+    np.testing.assert_array_equal(
+        as_stack(Scan(**fields | {"ranges": hidden})).ranges, [[NAN], [2]]
+    )
     large = as_stack(Scan(**fields | {"ranges": np.array([[1e39], [INF]])})).ranges
     assert np.isnan(large[0, 0])
     assert large[1, 0] == INF

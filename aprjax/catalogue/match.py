@@ -105,7 +105,7 @@ def match_catalogue(
     queries = len(excluded)
     chunk = min(config.chunk, _CHUNK, 1 << (queries - 1).bit_length())
     likely = min(likely, bucket(len(catalogue)))
-    by = Packed.of(catalogue.config)
+    described_by = Packed.of(catalogue.config)
     on_cpu = jax.default_backend() == "cpu"
     alike = np.concatenate(
         [
@@ -127,7 +127,7 @@ def match_catalogue(
             return _match_program(
                 here.pad_batch(chunk),
                 *(_padded(tree, missing) for tree in (excluded[rows], known, ids)),
-                by,
+                described_by,
                 rules,
                 together=not on_cpu,
             )

@@ -127,7 +127,7 @@ class _Device:
     ) -> MatchResult:
         """Section 2 of the paper, as in `aprjax.matcher`; the results of its share of queries."""
         references, features = self.references, self.references.features
-        raster_config, rules = references.config.raster, config.listing
+        raster_config, listing = references.config.raster, config.listing
 
         queries = jax.vmap(describe, (0, None))(self._share(scans), references.config)
         queries = self._gathered(queries)
@@ -141,17 +141,17 @@ class _Device:
             return vote(references.edges, k_m, allowed, query.graph, config.voting)
 
         def glance_one(query: Features, votes: Votes) -> Float[Array, " poses"]:
-            return glances(votes, features, query, raster_config, rules)
+            return glances(votes, features, query, raster_config, listing)
 
         def look_one(query: Features, passed: Votes) -> Looks:
-            return look(passed, features, query, config.alignment, rules)
+            return look(passed, features, query, config.alignment, listing)
 
         def keep_one(passed: Votes, looks: Looks) -> Shortlist:
-            return keep(passed, looks, config.alignment, rules)
+            return keep(passed, looks, config.alignment, listing)
 
         votes = self._merged(self._each(vote_one, queries, allowed), config.voting)
         score = self._owners(votes.row, self._each(glance_one, queries, self._own(votes)))
-        passed = jax.vmap(lambda votes, score: pass_on(votes, score, rules))(votes, score)
+        passed = jax.vmap(lambda votes, score: pass_on(votes, score, listing))(votes, score)
         looks = self._owners(passed.row, self._each(look_one, queries, self._own(passed)))
         listed = jax.vmap(keep_one)(passed, looks)
 

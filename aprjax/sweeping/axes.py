@@ -53,7 +53,11 @@ def configured(config: _Config, values: Mapping[str, Any]) -> _Config:
     """
     for name, value in values.items():
         _check_name(config, name)
-        config = _with(config, name.split("."), value)
+        path = name.split(".")
+        try:
+            config = _with(config, path, value)
+        except ValueError as error:  # it names the last part alone, which other stages may have too
+            raise ValueError(f"{name}{str(error).removeprefix(path[-1])}") from None
     return config
 
 
@@ -68,8 +72,11 @@ def check_names(names: Iterable[str]) -> None:
 
 def check_values(name: str, values: np.ndarray) -> None:
     """Raise `ValueError` naming the first of `values` `(any,)` that the threshold cannot have."""
-    of = FeatureConfig() if name.startswith(FEATURES) else MatchConfig()
-    configured(of, {name.removeprefix(FEATURES): values})
+    own = name.removeprefix(FEATURES)
+    try:
+        configured(MatchConfig() if own == name else FeatureConfig(), {own: values})
+    except ValueError as error:
+        raise ValueError(f"{name.removesuffix(own)}{error}") from None
 
 
 def _check_name(config: eqx.Module, name: str, prefix: str = "") -> None:

@@ -38,7 +38,7 @@ from aprjax.references import ReferenceIndex, ReferenceSet, check_references
 from aprjax.relations.histograms import preselection_quality
 from aprjax.result import Counts, MatchResult
 from aprjax.scan import Scan, as_stack
-from aprjax.sweeping.axes import FEATURES, check_names, configured, product
+from aprjax.sweeping.axes import FEATURES, check_names, check_values, configured, product
 
 CONFIGURATIONS, QUERIES = 64, 8
 """At a time, at most: a query's alternatives are there for each configuration, and all cores are to
@@ -136,11 +136,13 @@ def sweep_grid(
 
     Names are those of `MatchConfig`, such as `congruence.tolerance`, or of `FeatureConfig` with
     `features.` before them. The references are described anew for each choice of the latter, and
-    all else is swept within it. Raises `ValueError` as `product`, `configured` and `sweep` do.
+    all else is swept within it. Raises `ValueError` as `product`, `check_values` and `sweep` do.
     """
     check_names(axes)
     check_references(references, ReferenceSet)
     columns, config = product(axes), MatchConfig() if config is None else config
+    for name, values in axes.items():
+        check_values(name, np.asarray(values))
     check_kind("config", config, MatchConfig)
     described = {name: column for name, column in columns.items() if name.startswith(FEATURES)}
     matched = {name: column for name, column in columns.items() if name not in described}

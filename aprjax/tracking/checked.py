@@ -26,7 +26,7 @@ def checked_sources(name: str, sources: Iterable[_Source], method: str) -> tuple
     sources = tuple(sources)
     for index, source in enumerate(sources):
         if isinstance(source, type):
-            raise ValueError(f"{name}[{index}]: {source.__name__} is a class, no source of it")
+            raise ValueError(f"{name}[{index}]: {source.__name__} is a class, not an instance")
         if not isinstance(getattr(source, "reads", None), str):
             raise ValueError(f"{name}[{index}]: {type(source).__name__} does not say what it reads")
         if not callable(getattr(source, method, None)):
@@ -117,8 +117,8 @@ def _is_covariance(matrix: np.ndarray) -> bool:
     slack = 1e-6 * max(1e-6, float(np.trace(matrix)))
     if not np.all(np.abs(matrix - matrix.T) <= slack):
         return False
-    # Elimination finds no negative pivot, where eigenvalues would be told by the library: a tracker
-    # asks some ten times a step.
+    # With the slack added all pivots of elimination are positive. The library's eigenvalues take
+    # several times as long, and a tracker asks some ten times a step.
     (xx, xy, xt), (_, yy, yt), (_, _, tt) = (matrix + slack * np.eye(3)).tolist()
     if xx <= 0.0:
         return False

@@ -10,7 +10,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from aprjax.configuration import Packed, threshold
+from aprjax.configuration import Packed, check_kind, threshold
 from aprjax.evaluation.view import View
 from aprjax.features import FeatureConfig
 from aprjax.plane import wrap
@@ -46,9 +46,13 @@ class ScanMotion:
     def __init__(
         self, config: ScanMotionConfig | None = None, features: FeatureConfig | None = None
     ) -> None:
+        """Configurations are taken as they are now. Raises `ValueError` for another kind."""
         self.config = ScanMotionConfig() if config is None else config
         self.features = FeatureConfig() if features is None else features
-        self._described_by, self._align = Packed.of(self.features), Packed.of(self.config.align)
+        check_kind("config", self.config, ScanMotionConfig)
+        check_kind("features", self.features, FeatureConfig)
+        self._described_by = Packed.of(self.features, "features")
+        self._align = Packed.of(self.config.align, "config.align")
         self._last: tuple[Scan, View] | None = None
 
     def step(self, reading: Scan, expected: Step | None) -> Step | None:

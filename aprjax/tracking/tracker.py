@@ -90,11 +90,12 @@ class HypothesisTracker:
 
         If `move` is given the scans too, `ScanMotion` makes it better and `ScanContinuity` notices
         kidnappings. Tracking sources are asked in their order. Raises `ValueError` for another
-        kind of world, and naming what is no source of its kind.
+        kind of world or configuration, and naming what is no source of its kind.
         """
         check_kind("world", world, WorldModel)
         self.world = world
         self.config = TrackerConfig() if config is None else config
+        check_kind("config", self.config, TrackerConfig)
         primary = (AprSource(),) if primary is None else primary
         tracking = motion_sources(world) if tracking is None else tracking
         validation = (IdcSource(),) if validation is None else validation
@@ -109,7 +110,7 @@ class HypothesisTracker:
         self._clock = Clock(float(self.config.late))
         self._measured: float | None = None  # the stamp of the last motion measured
         self._silent = False  # whether that is long ago
-        self._unread: set[str] = set()  # readings that were said to be nobody's
+        self._unread: set[str] = set()  # names of readings that were said to be nobody's
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
@@ -125,9 +126,10 @@ class HypothesisTracker:
         """Carry all hypotheses on by what the tracking sources make of their readings.
 
         `readings` are named as the sources' `reads`, such as `odometry` or `gyro`; one that is
-        missing is no error. `stamp` is their time in seconds.
+        missing is no error, and one that no source of the tracker reads is logged, once. `stamp` is
+        their time in seconds.
         """
-        self._check_read("move", readings, self.tracking)
+        self._check_names("move", readings)
         readings = self._clock.timely("move", stamp, readings)
         step = self._motion.step(self.tracking, readings, self._measure)
         if step is not None:
@@ -139,7 +141,7 @@ class HypothesisTracker:
 
     def observe(self, stamp: float | None = None, **readings: Any) -> Belief:
         """Confirm, punish, create and validate hypotheses by what the other sources read."""
-        self._check_read("observe", readings, [*self.primary, *self.validation])
+        self._check_names("observe", readings)
         timely = self._clock.timely("observe", stamp, readings)
         if timely or not readings:
             self._drift(stamp)
@@ -206,11 +208,12 @@ class HypothesisTracker:
     def _sources(self) -> list[Any]:
         return [*self.primary, *self.tracking, *self.validation]
 
-    def _check_read(self, call: str, readings: Iterable[str], sources: Sequence[Any]) -> None:
-        """Log, once, each kind of reading that none of the sources takes: its name may be wrong."""
-        for name in set(readings).difference(source.reads for source in sources):
-            if f"{call} {name}" not in self._unread:
-                self._unread.add(f"{call} {name}")
+    def _check_names(self, call: str, readings: Iterable[str]) -> None:
+        """Log, once, each kind of reading that no source takes: its name may be wrong."""
+        known = {source.reads for source in self._sources()} | self._unread
+        for name in readings:
+            if name not in known:
+                self._unread.add(name)
                 _log.warning("%s: no source reads %r", call, name)
 
     def _advance(self, step: Step) -> None:

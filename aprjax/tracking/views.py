@@ -14,16 +14,16 @@ from aprjax.scan import Scan
 
 
 @single_precision()
-def view_of(scan: Scan, by: Packed[FeatureConfig]) -> View:
+def view_of(scan: Scan, described_by: Packed[FeatureConfig]) -> View:
     """The view of one scan, on the device; compiles once for each bucket of beams."""
     slots = max(bucket(int(scan.beams)), int(np.shape(scan.ranges)[-1]))
     # On an instance, Equinox would first make a module of the method.
-    return _view(Scan.pad(scan, slots), by)
+    return _view(Scan.pad(scan, slots), described_by)
 
 
 @jax.jit
-def _view(scan: Scan, by: Packed[FeatureConfig]) -> View:
-    return seen(scan, by.config)
+def _view(scan: Scan, described_by: Packed[FeatureConfig]) -> View:
+    return seen(scan, described_by.config)
 
 
 def state_of_scan(scan: Scan) -> dict[str, Any]:

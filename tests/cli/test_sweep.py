@@ -206,6 +206,7 @@ def test_bad_axes_are_bad_usage(logs, tmp_path, command, axis):
     assert not (tmp_path / "out").exists()
     assert (status, out) == (2, "")
     assert "error: argument --set: " in err
+    assert axis.split("=")[0] in err.splitlines()[-1]
 
 
 def test_an_axis_twice_and_too_many_configurations_are_bad_usage(logs, tmp_path, command):

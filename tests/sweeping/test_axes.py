@@ -1,9 +1,11 @@
+import re
+
 import numpy as np
 import pytest
 
 from aprjax.features import FeatureConfig
 from aprjax.matcher import MatchConfig
-from aprjax.sweeping.axes import check_names, configured, product, thresholds
+from aprjax.sweeping.axes import check_names, check_values, configured, product, thresholds
 
 
 def test_thresholds_are_found_by_dotted_name_and_capacities_are_not():
@@ -40,8 +42,17 @@ def test_a_configuration_gets_thresholds_and_keeps_the_rest():
 
 @pytest.mark.parametrize("value", [[0.1, -1.0], np.array([0.1, np.nan]), [0.1, np.inf]])
 def test_a_value_out_of_a_threshold_s_range_is_refused_by_its_index(value):
-    with pytest.raises(ValueError, match=r"^doubt\[1\]: .* is not a finite number from 0"):
+    with pytest.raises(
+        ValueError, match=r"^congruence\.quality\.doubt\[1\]: .* is not a finite number from 0"
+    ):
         configured(MatchConfig(), {"congruence.quality.doubt": value})
+
+
+@pytest.mark.parametrize("name", ["congruence.tolerance", "features.extraction.surface.window"])
+def test_a_value_along_an_axis_is_refused_by_the_axis_and_its_index(name):
+    check_values(name, np.array([0.1, 0.2]))
+    with pytest.raises(ValueError, match=rf"^{re.escape(name)}\[1\]: -1\.0 is not"):
+        check_values(name, np.array([0.1, -1.0]))
 
 
 def test_values_that_switch_a_part_off_are_thresholds():

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from aprjax.matcher import MatchConfig
 from aprjax.plane import compose, distance
 from aprjax.tracking.belief import Belief, Situation
 from aprjax.tracking.evidence import EvidenceConfig
@@ -437,9 +438,9 @@ def test_a_reading_that_no_source_takes_is_said_once_and_left_out(caplog):
     with caplog.at_level(logging.WARNING):
         for _ in range(3):
             assert made.move(odometri=drive()) is before
-            assert made.observe(step=drive()) is before
+            assert made.observe(step=drive(), scans=None) is before
     said = [record.getMessage() for record in caplog.records]
-    assert said == ["move: no source reads 'odometri'", "observe: no source reads 'step'"]
+    assert said == ["move: no source reads 'odometri'", "observe: no source reads 'scans'"]
 
 
 class Dumb:
@@ -461,9 +462,11 @@ def test_what_is_no_source_is_refused_by_name(sources, problem):
         tracker(**sources)
 
 
-def test_a_path_is_no_world_model():
+def test_a_path_is_no_world_model_and_rules_of_matching_are_none_of_tracking():
     with pytest.raises(ValueError, match="world: str is no WorldModel"):
         HypothesisTracker("office.map")
+    with pytest.raises(ValueError, match="config: MatchConfig is no TrackerConfig"):
+        tracker(config=MatchConfig())
 
 
 @pytest.mark.parametrize(
@@ -530,7 +533,16 @@ HALF_KNOWN[0, 1] = HALF_KNOWN[1, 0] = np.inf
 
 @pytest.mark.parametrize(
     "covariance",
-    [-np.eye(3), np.diag([1e308] * 3), HALF_KNOWN, np.ones((3, 2)), np.full((3, 3), np.nan)],
+    [
+        -np.eye(3),
+        np.diag([1e308] * 3),
+        HALF_KNOWN,
+        np.ones((3, 2)),
+        np.full((3, 3), np.nan),
+        np.array([[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
+        np.array([[1.0, 0.0, 0.8], [0.0, 1.0, 0.8], [0.8, 0.8, 1.0]]),
+        np.array([[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
+    ],
 )
 def test_a_covariance_that_is_none_is_left_out(covariance):
     made = sure()
@@ -551,7 +563,7 @@ def test_what_a_source_does_not_measure_moves_nothing():
     np.testing.assert_allclose(made.belief.best.place.T_node_laser, before + np.array([0, 0, 0.1]))
 
 
-@pytest.mark.parametrize("covariance", [EXACT.tolist(), RANK_ONE])
+@pytest.mark.parametrize("covariance", [EXACT.tolist(), RANK_ONE, np.full((3, 3), 0.01)])
 def test_numbers_in_lists_and_extreme_ones_are_taken_beside_other_sources(covariance):
     made = sure(tracking=[Driven(), WheelOdometry()])
     made.move(odometry=[0.0, 0.0, 0.0])
