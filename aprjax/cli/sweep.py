@@ -274,10 +274,12 @@ def _axis(text: str) -> tuple[str, np.ndarray]:
         start, stop, count = 0.0, 0.0, 0
     if not (1 <= count <= _MOST and abs(start) <= _LARGEST and abs(stop) <= _LARGEST):
         raise argparse.ArgumentTypeError(
-            f"{along!r} is not START:STOP:COUNT, two numbers and how many, 1 to {_MOST}"
+            f"{name}: {along!r} is not START:STOP:COUNT, two numbers and how many, 1 to {_MOST}"
         )
     if (start == stop) != (count == 1):
-        raise argparse.ArgumentTypeError(f"{along!r}: one value has START equal to STOP, as 1:1:1")
+        raise argparse.ArgumentTypeError(
+            f"{name}: {along!r}: one value has START equal to STOP, as 1:1:1"
+        )
     values = np.linspace(start, stop, count, dtype=np.float32)
     try:
         check_values(name, values)
