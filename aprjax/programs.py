@@ -124,11 +124,14 @@ class Program(Generic[_Result]):
         path = store.folder / f"{function.__name__.strip('_')}-{digest}.trace"
         result = jax.tree.structure(_skeleton(self._returns))
 
-        def flat(*leaves: Any) -> list[Any]:
-            made = self._function(*jax.tree.unflatten(structure, leaves), **static)
+        def flat(*arguments: Any) -> list[Any]:
+            made = self._function(*jax.tree.unflatten(structure, arguments), **static)
             if jax.tree.structure(made) != result:
                 raise TypeError(f"{name}: its result is not made of arrays as {self._returns} says")
-            return jax.tree.leaves(made)
+            # Types as those of a trace that is loaded: the program that is given this result is
+            # then the same one in the process that made the trace and in later ones.
+            leaves = jax.tree.leaves(made)
+            return [jax.lax.convert_element_type(leaf, leaf.dtype) for leaf in leaves]
 
         try:
             trace = _load(path)

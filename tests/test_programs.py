@@ -17,9 +17,11 @@ from jaxtyping import Array, Float
 
 from aprjax import batch, describing, programs
 from aprjax.batch import match_batch
-from aprjax.features import Features
+from aprjax.configuration import Packed
+from aprjax.features import FeatureConfig, Features
 from aprjax.programs import Program, keep_traces, surroundings
 from aprjax.references import ReferenceSet
+from aprjax.scan import Scan
 from tests.worlds import free_pose, office, scan_at
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -86,6 +88,26 @@ def test_other_shapes_types_and_static_arguments_are_other_programs(fresh, folde
         for factor in (2, 3):
             assert is_right(program(numbers, factor=factor), numbers, factor)
     assert len(list(folder.iterdir())) == 6
+
+
+def test_what_a_program_returns_is_the_same_to_the_next_one_in_this_process_and_in_later_ones(
+    folder,
+):
+    def sign(numbers):
+        return Inner(jnp.where(numbers > 0, 1.0, -1.0))  # weakly typed: of Python's numbers
+
+    def twice(inner):
+        return Inner(2 * inner.twice)
+
+    for _ in range(2):
+        Program(twice, Inner)(Program(sign, Inner)(NUMBERS))
+        assert len(list(folder.iterdir())) == 2
+
+
+def test_features_have_the_types_of_their_arrays_and_not_of_python_s_numbers():
+    scan = Scan.stack([scan_at(office(seed=2), np.zeros(3))])
+    made = jax.jit(describing._describe_chunk)(scan, Packed.of(FeatureConfig()))
+    assert not [leaf.aval for leaf in jax.tree.leaves(made) if leaf.weak_type]
 
 
 @pytest.mark.parametrize("damage", ["empty", "short", "changed"])

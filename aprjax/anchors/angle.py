@@ -49,7 +49,7 @@ def angles(segments: Segments, surface: Surface, config: AngleConfig) -> Candida
     nearness = 1.0 - 0.5 * offset / config.max_offset
     return Candidates(
         xy=corner,
-        kind=jnp.full(valid.shape, Kind.ANGLE),
+        kind=jnp.full(valid.shape, Kind.ANGLE.value, jnp.int32),
         salience=config.weight * jnp.abs(sine) * straight * nearness,
         valid=valid,
     )

@@ -63,7 +63,7 @@ def _ends(
     half = step * (jnp.minimum(0.5 * length, 0.1) / jnp.maximum(length, 1e-6))[:, None]
     return Candidates(
         xy=segments.xy + half,
-        kind=jnp.full(index.shape, Kind.JUMP_EDGE),
+        kind=jnp.full(index.shape, Kind.JUMP_EDGE.value, jnp.int32),
         salience=config.weight * jnp.minimum(jump, 1.0),
         valid=segments.large & ends & (beyond != index) & (jump > needed),
     )

@@ -73,7 +73,7 @@ def virtual_edges(segments: Segments, surface: Surface, config: VirtualEdgeConfi
     certain = jnp.minimum(length, 2.0) / 2.0 / (1.0 + beyond / config.elongation)
     return Candidates(
         xy=xy,
-        kind=jnp.full(valid.shape, Kind.VIRTUAL_EDGE),
+        kind=jnp.full(valid.shape, Kind.VIRTUAL_EDGE.value, jnp.int32),
         salience=config.weight * jnp.abs(sine) * certain,
         valid=valid,
     )

@@ -3,8 +3,8 @@
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from jaxtyping import Array, Bool, Float
-from scipy.ndimage import correlate1d
 
 _RADIUS = 3  # cells to each side that a line is fitted to
 _LEAST = 4  # cells that make a line
@@ -33,8 +33,8 @@ def surfaces(occupied: np.ndarray) -> Surfaces:
     step = np.arange(-_RADIUS, _RADIUS + 1, dtype=np.float32)
 
     def moment(x: int, y: int) -> np.ndarray:
-        rows = correlate1d(mask, step**x, axis=1, mode="constant")
-        return np.asarray(correlate1d(rows, step**y, axis=0, mode="constant"))
+        rows = scipy.ndimage.correlate1d(mask, step**x, axis=1, mode="constant")
+        return np.asarray(scipy.ndimage.correlate1d(rows, step**y, axis=0, mode="constant"))
 
     count = np.maximum(moment(0, 0), 1)
     x, y = moment(1, 0) / count, moment(0, 1) / count

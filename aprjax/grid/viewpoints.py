@@ -1,8 +1,7 @@
 """Where to take reference scans in an occupancy grid: few places from which all is seen."""
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
-from scipy.spatial import KDTree
+import scipy
 
 from aprjax.grid.occupancy_grid import OccupancyGrid
 from aprjax.grid.rendering import render
@@ -45,7 +44,8 @@ def _candidates(
     narrower than the spacing have some too.
     """
     free = np.pad(grid.free, 1)  # beyond the grid, nothing is
-    room = np.asarray(distance_transform_edt(free, sampling=grid.resolution))[1:-1, 1:-1]
+    room = np.asarray(scipy.ndimage.distance_transform_edt(free, sampling=grid.resolution))
+    room = room[1:-1, 1:-1]
     size = max(round(min(spacing / grid.resolution, max(grid.cells.shape))), 1)
     index = np.argwhere(room >= clearance)
     room = room[tuple(index.T)]
@@ -63,7 +63,7 @@ def _seen(grid: OccupancyGrid, xy: np.ndarray, distance: float) -> list[np.ndarr
     )
     poses = np.column_stack([xy, np.zeros(len(xy))])
     depth = np.asarray(render(grid, poses, like).ranges)
-    near = KDTree(xy).query_ball_point(xy, distance, return_sorted=True)
+    near = scipy.spatial.KDTree(xy).query_ball_point(xy, distance, return_sorted=True)
     seen = []
     for place, others in enumerate(near):
         others = np.asarray(others)

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from scipy.sparse import csc_matrix, identity
-from scipy.sparse.linalg import splu
+import scipy
 
 from aprjax.plane import relative, wrap
 
@@ -110,13 +109,16 @@ def _linearised(poses: np.ndarray, measured: Measurements):
     numbers = np.concatenate([measured.first, measured.second])
     columns = 3 * numbers[:, None, None] + axis + 0 * axis[:, None]
     shape = (3 * count, 3 * len(poses))
-    jacobian = csc_matrix((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
+    jacobian = scipy.sparse.csc_matrix(
+        (blocks.ravel(), (rows.ravel(), columns.ravel())), shape=shape
+    )
     return jacobian, off.ravel(), weight
 
 
-def _solver(information: csc_matrix, fixed: int, size: int):
+def _solver(information: "scipy.sparse.csc_matrix", fixed: int, size: int):
     """The factors of the normal equations, with one pose held in its place."""
     hold = 3 * fixed + np.arange(3)
-    pin = csc_matrix((np.full(3, 1e8), (hold, hold)), shape=(size, size))
+    pin = scipy.sparse.csc_matrix((np.full(3, 1e8), (hold, hold)), shape=(size, size))
     # Poses that nothing measures stay where they are.
-    return splu((information + pin + 1e-6 * identity(size, format="csc")).tocsc())
+    loose = 1e-6 * scipy.sparse.identity(size, format="csc")
+    return scipy.sparse.linalg.splu((information + pin + loose).tocsc())
