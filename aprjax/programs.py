@@ -12,7 +12,7 @@ import warnings
 import weakref
 from collections.abc import Callable
 from dataclasses import fields
-from functools import cache, cached_property
+from functools import cache, cached_property, wraps
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -20,7 +20,6 @@ import equinox as eqx
 import jax
 import jaxlib
 import lineax as lx
-import numpy as np
 import optimistix as optx
 from jax import export
 
@@ -66,91 +65,96 @@ class Program(Generic[_Result]):
         self, function: Callable[..., _Result], returns: type[_Result], static: tuple[str, ...] = ()
     ) -> None:
         self._function, self._returns, self._static = function, returns, static
-        self._kept: dict[Any, Callable[[list[Any]], _Result]] = {}
+        self._jitted: dict[_Store | None, Any] = {}
         self._lock = threading.Lock()
         _programs.add(self)
 
     @property
     def compiled(self) -> int:
         """How many programs this process has compiled or loaded, and not forgotten."""
-        jitted = self.__dict__.get("_jitted")
-        return (0 if jitted is None else jitted._cache_size()) + len(self._kept)
+        return sum(jitted._cache_size() for jitted in list(self._jitted.values()))
 
     def forget(self) -> None:
         """Let go of what was compiled or loaded."""
-        with self._lock:
-            self._kept.clear()
-            if "_jitted" in self.__dict__:
-                self._jitted.clear_cache()
-
-    @cached_property
-    def _jitted(self) -> Any:
-        return jax.jit(
-            self._function, static_argnames=self._static, compiler_options=compiler_options()
-        )
+        for jitted in list(self._jitted.values()):
+            jitted.clear_cache()
 
     def __call__(self, *arguments: Any, **static: Any) -> _Result:
         before = self.compiled
-        result = self._called(*arguments, **static)
+        result = self._with(_store)(*arguments, **static)
         if self.compiled > before:
             _make_room()
         return result
 
-    def _called(self, *arguments: Any, **static: Any) -> _Result:
-        store = _store
-        leaves, structure = (None, None) if store is None else jax.tree.flatten(arguments)
-        if store is None or leaves is None or not _plain(leaves):
-            return self._jitted(*arguments, **static)
-        shapes = tuple((leaf.shape, leaf.dtype) for leaf in leaves)
-        settings = tuple(getattr(jax.config, name) for name in _SETTINGS)
-        key = (structure, shapes, tuple(sorted(static.items())), settings)
-        with self._lock:
-            kept = self._kept.get((store, key))
-            if kept is None:
-                kept = self._kept[store, key] = self._prepared(
-                    store, leaves, structure, repr(key), static
-                )
-        return kept(leaves)
+    def _with(self, store: _Store | None) -> Any:
+        """The function, jitted: as it is, or by its traces in a folder."""
+        if store not in self._jitted:
+            jitted = jax.jit(
+                self._function if store is None else self._by_trace(store),
+                static_argnames=self._static,
+                compiler_options=compiler_options(),
+            )
+            self._jitted.setdefault(store, jitted)
+        return self._jitted[store]
 
-    def _prepared(
-        self, store: _Store, leaves: list[Any], structure: Any, key: str, static: dict[str, Any]
-    ) -> Callable[[list[Any]], _Result]:
-        """The program for arguments like these, from its trace in the folder or a new one there."""
+    def _by_trace(self, store: _Store) -> Callable[..., _Result]:
+        """The function, for JAX to trace: its trace in the folder, or a new one that is put there.
+
+        JAX, which finds what it has compiled at the least cost, then asks for each of them once.
+        """
+
+        @wraps(self._function)
+        def traced(*arguments: Any, **static: Any) -> _Result:
+            leaves, structure = jax.tree.flatten(arguments)
+            if _plain(leaves):
+                with self._lock:
+                    trace = self._trace(store, leaves, structure, static)
+                if trace is not None:
+                    return jax.tree.unflatten(self._result, trace.call(*leaves))
+            return self._function(*arguments, **static)
+
+        return traced
+
+    @cached_property
+    def _result(self) -> Any:
+        """The structure of what the function returns."""
+        return jax.tree.structure(_skeleton(self._returns))
+
+    def _trace(
+        self, store: _Store, leaves: list[Any], structure: Any, static: dict[str, Any]
+    ) -> export.Exported | None:
+        """The trace for arguments like these; None, and a warning, if there can be none."""
         function = self._function
         name = f"{function.__module__}.{function.__qualname__}"
+        shapes = tuple((leaf.shape, leaf.dtype) for leaf in leaves)
+        settings = tuple(getattr(jax.config, setting) for setting in _SETTINGS)
+        key = repr((structure, shapes, tuple(sorted(static.items())), settings))
         device = jax.devices()[0]
         told = [name, key, store.surroundings, device.platform, device.device_kind]
         digest = hashlib.sha256("\n".join(told).encode()).hexdigest()
         path = store.folder / f"{function.__name__.strip('_')}-{digest}.trace"
-        result = jax.tree.structure(_skeleton(self._returns))
 
-        def flat(*arguments: Any) -> list[Any]:
-            made = self._function(*jax.tree.unflatten(structure, arguments), **static)
-            if jax.tree.structure(made) != result:
+        def flat(*leaves: Any) -> list[Any]:
+            made = function(*jax.tree.unflatten(structure, leaves), **static)
+            if jax.tree.structure(made) != self._result:
                 raise TypeError(f"{name}: its result is not made of arrays as {self._returns} says")
             # Types as those of a trace that is loaded: the program that is given this result is
             # then the same one in the process that made the trace and in later ones.
-            leaves = jax.tree.leaves(made)
-            return [jax.lax.convert_element_type(leaf, leaf.dtype) for leaf in leaves]
+            return [
+                jax.lax.convert_element_type(leaf, leaf.dtype) for leaf in jax.tree.leaves(made)
+            ]
 
+        trace = None
         try:
             trace = _load(path)
-            new = trace is None
             if trace is None:
-                like = [jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves]
+                like = [jax.ShapeDtypeStruct(*shape) for shape in shapes]
                 trace = export.export(jax.jit(flat))(*like)
-            called = jax.jit(trace.call, compiler_options=compiler_options())
-            called.lower(*leaves).compile()
-        except Exception as error:
-            warnings.warn(f"{path}: not kept for later processes ({error})", stacklevel=3)
-            return lambda leaves: self._jitted(*jax.tree.unflatten(structure, leaves), **static)
-        if new:
-            try:
                 with atomic_write(path, "wb") as file:
                     file.write(_signed(bytes(trace.serialize())))
-            except Exception as error:  # what is compiled serves this process all the same
-                warnings.warn(f"{path}: not kept for later processes ({error})", stacklevel=3)
-        return lambda leaves: jax.tree.unflatten(result, called(*leaves))
+        except Exception as error:  # what was traced serves this process all the same
+            warnings.warn(f"{path}: not kept for later processes ({error})", stacklevel=2)
+        return trace
 
 
 def _make_room() -> None:
@@ -177,16 +181,9 @@ _SETTINGS = ("jax_enable_x64", "jax_default_matmul_precision", "jax_default_devi
 
 
 def _plain(leaves: list[Any]) -> bool:
-    """Whether a trace can stand for these arguments: arrays on one device, and traced as usual."""
-    if jax.config.jax_disable_jit:  # pyright: ignore[reportAttributeAccessIssue]
-        return False
-    for leaf in leaves:
-        if isinstance(leaf, jax.Array):
-            if leaf.weak_type or len(leaf.devices()) > 1:
-                return False
-        elif not isinstance(leaf, np.ndarray | np.generic):
-            return False
-    return True
+    """Whether a trace can stand for these arguments, whose types are their own and not weak."""
+    eager = jax.config.jax_disable_jit  # pyright: ignore[reportAttributeAccessIssue]
+    return not eager and not any(leaf.weak_type for leaf in leaves)
 
 
 @cache
