@@ -7,7 +7,6 @@ too, as JAX's portable StableHLO, and later processes call that.
 """
 
 import hashlib
-import threading
 import warnings
 import weakref
 from collections.abc import Callable
@@ -18,10 +17,11 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import jaxlib
 import lineax as lx
 import optimistix as optx
-from jax import export
+from jax import core, export
 
 from aprjax.atomic import atomic_write
 
@@ -66,27 +66,34 @@ class Program(Generic[_Result]):
     ) -> None:
         self._function, self._returns, self._static = function, returns, static
         self._jitted: dict[_Store | None, Any] = {}
-        self._lock = threading.Lock()
         _programs.add(self)
 
     @property
     def compiled(self) -> int:
         """How many programs this process has compiled or loaded, and not forgotten."""
-        return sum(jitted._cache_size() for jitted in list(self._jitted.values()))
+        return sum(jitted._cache_size() for jitted in set(self._jitted.values()))
 
     def forget(self) -> None:
         """Let go of what was compiled or loaded."""
-        for jitted in list(self._jitted.values()):
+        for jitted in set(self._jitted.values()):
             jitted.clear_cache()
 
     def __call__(self, *arguments: Any, **static: Any) -> _Result:
-        before = self.compiled
-        result = self._with(_store)(*arguments, **static)
+        before, store = self.compiled, _store
+        try:
+            result = self._jitted_for(store)(*arguments, **static)
+        except Exception as error:
+            if store is None:
+                raise
+            # If it was not the trace, this raises the same.
+            result = self._jitted_for(None)(*arguments, **static)
+            self._jitted[store] = self._jitted_for(None)
+            warnings.warn(f"{self._name}: without its trace from now on ({error})", stacklevel=2)
         if self.compiled > before:
             _make_room()
         return result
 
-    def _with(self, store: _Store | None) -> Any:
+    def _jitted_for(self, store: _Store | None) -> Any:
         """The function, jitted: as it is, or by its traces in a folder."""
         if store not in self._jitted:
             jitted = jax.jit(
@@ -100,23 +107,26 @@ class Program(Generic[_Result]):
     def _by_trace(self, store: _Store) -> Callable[..., _Result]:
         """The function, for JAX to trace: its trace in the folder, or a new one that is put there.
 
-        JAX, which finds what it has compiled at the least cost, then asks for each of them once.
+        So it is JAX that finds what is compiled already, at the least cost for a call.
         """
 
         @wraps(self._function)
         def traced(*arguments: Any, **static: Any) -> _Result:
             leaves, structure = jax.tree.flatten(arguments)
             if _plain(leaves):
-                with self._lock:
-                    trace = self._trace(store, leaves, structure, static)
+                trace = self._trace(store, leaves, structure, static)
                 if trace is not None:
-                    return jax.tree.unflatten(self._result, trace.call(*leaves))
+                    return jax.tree.unflatten(self._returned, trace.call(*leaves))
             return self._function(*arguments, **static)
 
         return traced
 
+    @property
+    def _name(self) -> str:
+        return f"{self._function.__module__}.{self._function.__qualname__}"
+
     @cached_property
-    def _result(self) -> Any:
+    def _returned(self) -> Any:
         """The structure of what the function returns."""
         return jax.tree.structure(_skeleton(self._returns))
 
@@ -124,35 +134,37 @@ class Program(Generic[_Result]):
         self, store: _Store, leaves: list[Any], structure: Any, static: dict[str, Any]
     ) -> export.Exported | None:
         """The trace for arguments like these; None, and a warning, if there can be none."""
-        function = self._function
-        name = f"{function.__module__}.{function.__qualname__}"
+        function, name = self._function, self._name
         shapes = tuple((leaf.shape, leaf.dtype) for leaf in leaves)
         settings = tuple(getattr(jax.config, setting) for setting in _SETTINGS)
         key = repr((structure, shapes, tuple(sorted(static.items())), settings))
-        device = jax.devices()[0]
+        device = jax.config.jax_default_device  # pyright: ignore[reportAttributeAccessIssue]
+        if not isinstance(device, jax.Device):  # the name of a platform, or none
+            device = jax.devices(device)[0]
         told = [name, key, store.surroundings, device.platform, device.device_kind]
         digest = hashlib.sha256("\n".join(told).encode()).hexdigest()
         path = store.folder / f"{function.__name__.strip('_')}-{digest}.trace"
 
         def flat(*leaves: Any) -> list[Any]:
             made = function(*jax.tree.unflatten(structure, leaves), **static)
-            if jax.tree.structure(made) != self._result:
+            if jax.tree.structure(made) != self._returned:
                 raise TypeError(f"{name}: its result is not made of arrays as {self._returns} says")
             # Types as those of a trace that is loaded: the program that is given this result is
             # then the same one in the process that made the trace and in later ones.
-            return [
-                jax.lax.convert_element_type(leaf, leaf.dtype) for leaf in jax.tree.leaves(made)
-            ]
+            arrays = map(jnp.asarray, jax.tree.leaves(made))
+            return [jax.lax.convert_element_type(array, array.dtype) for array in arrays]
 
         trace = None
         try:
             trace = _load(path)
             if trace is None:
                 like = [jax.ShapeDtypeStruct(*shape) for shape in shapes]
-                trace = export.export(jax.jit(flat))(*like)
+                default = device.platform == jax.default_backend()
+                platforms = None if default else [device.platform]
+                trace = export.export(jax.jit(flat), platforms=platforms)(*like)
                 with atomic_write(path, "wb") as file:
                     file.write(_signed(bytes(trace.serialize())))
-        except Exception as error:  # what was traced serves this process all the same
+        except Exception as error:  # a trace that was made, and not written, serves this process
             warnings.warn(f"{path}: not kept for later processes ({error})", stacklevel=2)
         return trace
 
@@ -181,9 +193,8 @@ _SETTINGS = ("jax_enable_x64", "jax_default_matmul_precision", "jax_default_devi
 
 
 def _plain(leaves: list[Any]) -> bool:
-    """Whether a trace can stand for these arguments, whose types are their own and not weak."""
-    eager = jax.config.jax_disable_jit  # pyright: ignore[reportAttributeAccessIssue]
-    return not eager and not any(leaf.weak_type for leaf in leaves)
+    """Whether a trace can stand for these arguments: arrays in JAX's hands, none weakly typed."""
+    return all(isinstance(leaf, core.Tracer) and not leaf.weak_type for leaf in leaves)
 
 
 @cache

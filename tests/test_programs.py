@@ -129,6 +129,19 @@ def test_a_folder_that_takes_no_file_is_warned_about_and_the_answer_given(fresh,
     assert fresh.traced == 1
 
 
+def test_a_trace_that_does_not_run_here_is_warned_about_once_and_done_without(
+    fresh, folder, monkeypatch
+):
+    like = jax.ShapeDtypeStruct(NUMBERS.shape, NUMBERS.dtype)
+    foreign = export.export(jax.jit(lambda n: [jnp.sum(n), n]), platforms=["cuda"])(like)
+    monkeypatch.setattr(programs, "_load", lambda path: foreign)
+    program = fresh()
+    with pytest.warns(UserWarning, match="without its trace from now on"):
+        assert is_right(program(NUMBERS, factor=3), NUMBERS, 3)
+    assert is_right(program(NUMBERS, factor=3), NUMBERS, 3)
+    assert program.compiled == 1
+
+
 def test_what_cannot_be_exported_is_traced_in_each_process(fresh, folder, monkeypatch):
     def refuse(*_, **__):
         raise ValueError("no stable form")
@@ -179,6 +192,7 @@ def test_other_code_or_data_of_the_package_is_another_program(tmp_path, name):
 def test_what_is_no_plain_array_is_jitted_as_it_is(fresh, folder):
     program = fresh()
     assert float(program(2.0, factor=3).total) == 6.0
+    assert is_right(program(NUMBERS, 3), NUMBERS, 3)  # static, by position
     assert float(program(jnp.asarray(2.0), factor=3).total) == 6.0  # of a weak type
     with jax.disable_jit():
         assert is_right(program(NUMBERS, factor=3), NUMBERS, 3)
@@ -274,6 +288,7 @@ def test_where_room_is_short_programs_are_forgotten_and_answer_as_before(
         for _ in range(3):
             assert program(np.ones(2, np.float32), factor=2.0).total == 4.0
         assert program.compiled == 1
+        assert fresh.traced == (3 if kept else 4)
     finally:
         keep_traces(None)
 

@@ -117,8 +117,11 @@ def _linearised(poses: np.ndarray, measured: Measurements):
 
 def _solver(information: "scipy.sparse.csc_matrix", fixed: int, size: int):
     """The factors of the normal equations, with one pose held in its place."""
+    # Of `scipy`'s parts, the one that is not sure to be there when it is first asked for.
+    from scipy.sparse.linalg import splu
+
     hold = 3 * fixed + np.arange(3)
     pin = scipy.sparse.csc_matrix((np.full(3, 1e8), (hold, hold)), shape=(size, size))
     # Poses that nothing measures stay where they are.
     loose = 1e-6 * scipy.sparse.identity(size, format="csc")
-    return scipy.sparse.linalg.splu((information + pin + loose).tocsc())
+    return splu((information + pin + loose).tocsc())
