@@ -37,7 +37,7 @@ def test_no_setting_of_jax_changes_and_no_device_is_touched(imported):
 @pytest.mark.parametrize(
     "name", ["matplotlib", "rosbags", "scipy.sparse", "scipy.ndimage", "scipy.spatial"]
 )
-def test_what_only_maps_bags_and_pictures_need_is_not_loaded(imported, name):
+def test_what_only_maps_grids_bags_and_pictures_need_is_not_loaded(imported, name):
     *_, modules = imported
     assert "aprjax.world.smoothing" in modules
     assert name not in modules
